@@ -1,0 +1,34 @@
+# Two commands: `make chase` runs a chase, `make test` checks the code. Each sets up .venv/ by itself, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: chase test check-python clean
+
+chase: $(VENV)/.installed
+	$(BIN)/swarmchase chase
+
+test: $(VENV)/.installed-dev
+	@echo "== style" && $(BIN)/ruff format --check . && $(BIN)/ruff check .
+	@echo "== types" && $(BIN)/mypy
+	@echo "== tests" && $(BIN)/python -m pytest -q
+
+$(VENV)/bin/python: | check-python
+	@echo "== making a virtual environment in $(VENV)/"
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "== installing swarmchase into $(VENV)/ (PyTorch is large: some minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "== installing swarmchase and its test tools into $(VENV)/ (PyTorch is large: some minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@ $(VENV)/.installed
+
+check-python:
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "swarmchase needs Python 3.11 or newer, and $(PYTHON) is " + sys.version.split()[0] + "; give another with: make PYTHON=python3.12 ...")'
+
+clean:
+	rm -rf $(VENV)

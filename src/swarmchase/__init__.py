@@ -1,0 +1,40 @@
+"""Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength.
+
+    from swarmchase import Observation, load_controller, paper_scenario
+
+Names are imported when they are first used, so that ``import swarmchase`` itself is fast.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .controllers import Controller as Controller
+    from .controllers import load_controller as load_controller
+    from .environment import Environment as Environment
+    from .errors import InputError as InputError
+    from .formation import Action as Action
+    from .observation import Observation as Observation
+    from .scenario import Scenario as Scenario
+    from .scenario import paper_scenario as paper_scenario
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Action": "formation",
+    "Controller": "controllers",
+    "Environment": "environment",
+    "InputError": "errors",
+    "Observation": "observation",
+    "Scenario": "scenario",
+    "load_controller": "controllers",
+    "paper_scenario": "scenario",
+}
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'swarmchase' has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)

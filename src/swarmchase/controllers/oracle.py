@@ -1,0 +1,46 @@
+"""``oracle``: knows the target. No controller with these action sets needs fewer movements.
+
+On each axis it takes the displacement that leaves the least distance; every axis then is as near as the 2 m grid
+allows at every movement, so no other sequence reaches the target sooner. It does not listen, so missing samples change
+nothing.
+"""
+
+from dataclasses import dataclass
+
+import torch
+
+from ..array_types import Float, Tensor
+from ..formation import Action
+from ..observation import Observation
+from ..scenario import Scenario
+from ..streams import chase_keys
+from ..target import draw_target_position_m
+
+
+@dataclass(frozen=True)
+class OracleMemory:
+    """The truth: the target of each chase."""
+
+    target_position_m: Float[Tensor, "chase 3"]
+
+
+class OracleController:
+    """Moves straight to the target of run ``seed``, which it draws as the world does."""
+
+    name = "oracle"
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> OracleMemory:
+        """The targets of these chases. In somebody else's world, build an ``OracleMemory`` from its own targets."""
+        return OracleMemory(draw_target_position_m(self._scenario, chase_keys(seed, num_chases, first_chase)))
+
+    def decide(self, observation: Observation, memory: OracleMemory) -> tuple[Action, OracleMemory]:
+        """On each axis the displacement that leaves the least distance, at the widest spacing."""
+        center_m = observation.tracker_position_m[:, -1].mean(dim=1)
+        left_m = memory.target_position_m - center_m
+        best = (left_m[..., None] - self._displacement_choices_m).abs().argmin(dim=-1)
+        widest_m = torch.full((len(left_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)
+        return Action(spacing_m=widest_m, displacement_m=self._displacement_choices_m[best]), memory

@@ -1,0 +1,34 @@
+"""``random``: every choice equally likely. The floor of any comparison. It does not listen, so missing samples change nothing."""
+
+from dataclasses import dataclass
+
+from ..formation import Action, action_from_choice
+from ..networks import NETWORK_NAMES, NUM_CHOICES
+from ..observation import Observation
+from ..scenario import Scenario
+from ..streams import ChaseStreams, chase_keys
+
+
+@dataclass(frozen=True)
+class RandomMemory:
+    """Each chase's random stream."""
+
+    streams: ChaseStreams
+
+
+class RandomController:
+    """Uniform over all four action sets."""
+
+    name = "random"
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> RandomMemory:
+        """The streams of these chases."""
+        return RandomMemory(ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy"))
+
+    def decide(self, observation: Observation, memory: RandomMemory) -> tuple[Action, RandomMemory]:
+        """A uniform action."""
+        choice = (memory.streams.uniform(len(NETWORK_NAMES)) * NUM_CHOICES).long()
+        return action_from_choice(self._scenario, choice), memory

@@ -1,0 +1,147 @@
+"""The chase itself, batched: the only place that composes target, channel and formation.
+
+One movement is act, move, observe, reward (Section III, Algorithm 1). Axes are (chase, ...); one chase is a
+batch of one. A chase is defined by its key alone, whatever batch it is in.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from .array_types import Bool, Float, Int, Tensor
+from .channel import FadingProcess, FadingState, rssi_dbm
+from .errors import InputError
+from .formation import Action, tracker_position_m
+from .observation import Observation
+from .scenario import Scenario
+from .streams import ChaseKey
+from .target import draw_target_position_m
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything a batch of chases is at one moment. Metres are in the chase's own frame (origin: the centre's start), float64."""
+
+    target_position_m: Float[Tensor, "chase 3"]
+    """U, where the target is."""
+    center_m: Float[Tensor, "chase 3"]
+    """O_t, the centre of the swarm."""
+    spacing_m: Float[Tensor, "chase"]
+    """d_t, distance of every tracker from the centre."""
+    rssi_dbm: Float[Tensor, "chase sample tracker"]
+    """S_t, the window heard at this position, float32."""
+    movements: Int[Tensor, "chase"]
+    """Movements made so far."""
+    path_length_m: Float[Tensor, "chase"]
+    """Distance flown by the centre so far."""
+    fading: FadingState
+    """What the fading carries from window to window."""
+
+    def observation(self) -> Observation:
+        """What a controller may see of it."""
+        position_m = tracker_position_m(self.center_m, self.spacing_m)
+        return Observation(self.rssi_dbm, position_m[:, None].expand(-1, self.rssi_dbm.shape[1], -1, -1))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one movement brought."""
+
+    reward_m: Float[Tensor, "chase 4"]
+    """R^d, R^x, R^y, R^z in this order, float64."""
+    reached: Bool[Tensor, "chase"]
+    """The centre is within the success radius: termination."""
+    truncated: Bool[Tensor, "chase"]
+    """MAX_STEPS movements are spent and the target is not reached: truncation."""
+
+
+class Environment:
+    """The chase of one scenario on one device."""
+
+    def __init__(self, scenario: Scenario, device: torch.device | str = "cpu") -> None:
+        self.scenario = scenario
+        self._device = torch.device(device)
+        self._fading = FadingProcess(scenario, device)
+        self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
+        self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
+
+    def reset(self, keys: list[ChaseKey]) -> State:
+        """The start of these chases: the target drawn on its sphere, the swarm hovering, its first window heard."""
+        target_position_m = draw_target_position_m(self.scenario, keys).to(self._device)
+        center_m = torch.zeros_like(target_position_m)
+        spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
+        fading = self._fading.begin(keys)
+        return State(
+            target_position_m=target_position_m,
+            center_m=center_m,
+            spacing_m=spacing_m,
+            rssi_dbm=self._heard_dbm(target_position_m, center_m, spacing_m, fading),
+            movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
+            path_length_m=torch.zeros(len(keys), dtype=torch.float64, device=self._device),
+            fading=fading,
+        )
+
+    def step(self, state: State, action: Action) -> tuple[State, Outcome]:
+        """Carry out one action in every chase: act, move, observe, reward.
+
+        Raises:
+            InputError: an action outside the action sets of Section III.A.
+        """
+        self._require_allowed(action)
+        center_m = state.center_m + action.displacement_m
+        travel_m = action.displacement_m.norm(dim=1)
+        time_s = self._fading.advanced_time_s(state.fading, travel_m / self.scenario.tracker_speed_mps)
+        fading = replace(state.fading, time_s=time_s)
+        following = State(
+            target_position_m=state.target_position_m,
+            center_m=center_m,
+            spacing_m=action.spacing_m,
+            rssi_dbm=self._heard_dbm(state.target_position_m, center_m, action.spacing_m, fading),
+            movements=state.movements + 1,
+            path_length_m=state.path_length_m + travel_m,
+            fading=fading,
+        )
+        return following, self._outcome(state, following)
+
+    def _heard_dbm(
+        self,
+        target_position_m: Float[Tensor, "chase 3"],
+        center_m: Float[Tensor, "chase 3"],
+        spacing_m: Float[Tensor, "chase"],
+        fading: FadingState,
+    ) -> Float[Tensor, "chase sample tracker"]:
+        offset_m = tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]
+        return rssi_dbm(self.scenario, offset_m.norm(dim=2), self._fading.window(fading))
+
+    def _outcome(self, before: State, after: State) -> Outcome:
+        reached = distance_to_target_m(after) <= self.scenario.success_radius_m
+        return Outcome(
+            reward_m=distance_reduction_m(before, after),
+            reached=reached,
+            truncated=(after.movements >= self.scenario.max_movements) & ~reached,
+        )
+
+    def _require_allowed(self, action: Action) -> None:
+        if not torch.isin(action.spacing_m, self._spacing_choices_m).all():
+            raise InputError(
+                f"spacing_m = {action.spacing_m.tolist()} is refused: each must be one of {self.scenario.spacing_choices_m}"
+            )
+        if not torch.isin(action.displacement_m, self._displacement_choices_m).all():
+            raise InputError(
+                f"displacement_m = {action.displacement_m.tolist()} is refused: each must be one of {self.scenario.displacement_choices_m}"
+            )
+
+
+def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
+    """|O_t - U|."""
+    return (state.center_m - state.target_position_m).norm(dim=1)
+
+
+def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:
+    """Eqs. (7)-(8): R^d, the Euclidean distance won, and R^x, R^y, R^z, the distance won on each axis.
+
+    The paper writes R^b for the reward of the spacing network; it is R^d.
+    """
+    euclidean_m = distance_to_target_m(before) - distance_to_target_m(after)
+    per_axis_m = (before.center_m - before.target_position_m).abs() - (after.center_m - after.target_position_m).abs()
+    return torch.cat([euclidean_m[:, None], per_axis_m], dim=1)

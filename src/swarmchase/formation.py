@@ -1,0 +1,37 @@
+"""The swarm's geometry: where the six trackers are, and what an action does (Sections II.A and III.A)."""
+
+from dataclasses import dataclass
+
+import torch
+
+from .array_types import Float, Int, Tensor
+from .scenario import Scenario
+
+TRACKER_DIRECTION = torch.tensor(
+    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=torch.float64
+)
+"""Tracker u = 0..5 sits at +x, -x, +y, -y, +z, -z of the centre."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """What the controller decides for each chase of a batch."""
+
+    spacing_m: Float[Tensor, "chase"]
+    """Distance of every tracker from the centre, one of A^d."""
+    displacement_m: Float[Tensor, "chase 3"]
+    """Movement of the centre, each axis one of A^x, A^y, A^z."""
+
+
+def tracker_position_m(
+    center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
+) -> Float[Tensor, "chase tracker 3"]:
+    """Positions of the six trackers around their centre."""
+    return center_m[:, None, :] + spacing_m[:, None, None] * TRACKER_DIRECTION.to(center_m.device)
+
+
+def action_from_choice(scenario: Scenario, choice: Int[Tensor, "chase 4"]) -> Action:
+    """The action of four choices 0..4 in the order d, x, y, z."""
+    spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=choice.device)
+    displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=choice.device)
+    return Action(spacing_m=spacing_choices_m[choice[:, 0]], displacement_m=displacement_choices_m[choice[:, 1:]])

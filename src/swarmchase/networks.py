@@ -1,0 +1,116 @@
+"""The four actor-critic networks: spacing, x, y and z (Section III.A, Fig. 2, Table I).
+
+Each takes a window of RSSI in dBm, [chase, 50, 6], through three LSTM layers of 128 and two ReLU layers of 128 to a
+5-way policy and a value. The scaling of its input and of its value lives inside: it only re-parametrises the
+first and the last layer, so the paper's architecture stands.
+"""
+
+import torch
+from torch import nn
+
+from .array_types import Float, Int, Tensor
+from .scenario import NUM_TRACKERS
+
+NETWORK_NAMES = ("d", "x", "y", "z")
+"""Superscript n of theta^n, in the order of every axis of length four in this package."""
+NUM_CHOICES = 5
+HIDDEN_FEATURES = 128
+NUM_LSTM_LAYERS = 3
+
+PAIR_DIFFERENCE_SCALE_DB = 3.0
+LEVEL_CENTER_DBM = -60.0
+LEVEL_SCALE_DB = 10.0
+VALUE_SCALE_M = 10.0
+"""The value head's unit: a value is a distance still to be won, tens of metres."""
+
+
+def input_map(first_axis: int) -> tuple[Tensor, Tensor]:
+    """The fixed invertible map of the six RSSI columns: (weight [6, 6], bias [6]).
+
+    Three differences of opposite trackers, the common level and two contrasts between pair sums. As plain dBm the
+    1 dB between opposite trackers would drown in a level of -60 dBm. ``first_axis`` comes first in all of them and the
+    other two follow in turn, so that the x, y and z networks see the same picture from their own axis.
+    """
+    axes = [(first_axis + turn) % 3 for turn in range(3)]
+    plus = [torch.eye(NUM_TRACKERS)[2 * axis] for axis in axes]
+    minus = [torch.eye(NUM_TRACKERS)[2 * axis + 1] for axis in axes]
+    differences = [(up - down) / PAIR_DIFFERENCE_SCALE_DB for up, down in zip(plus, minus, strict=True)]
+    own, second, third = ((up + down) / 2 for up, down in zip(plus, minus, strict=True))
+    level = torch.full((NUM_TRACKERS,), 1 / NUM_TRACKERS) / LEVEL_SCALE_DB
+    contrasts = [(own - (second + third) / 2) / PAIR_DIFFERENCE_SCALE_DB, (second - third) / PAIR_DIFFERENCE_SCALE_DB]
+    weight = torch.stack([*differences, level, *contrasts])
+    bias = torch.tensor([0, 0, 0, -LEVEL_CENTER_DBM / LEVEL_SCALE_DB, 0, 0])
+    return weight, bias
+
+
+class ActorCritic(nn.Module):
+    """One network theta^n: a window of RSSI to a policy over five choices and a value in metres."""
+
+    def __init__(self, first_axis: int) -> None:
+        super().__init__()
+        weight, bias = input_map(first_axis)
+        self.register_buffer("input_weight", weight, persistent=False)
+        self.register_buffer("input_bias", bias, persistent=False)
+        self.lstm = nn.LSTM(NUM_TRACKERS, HIDDEN_FEATURES, NUM_LSTM_LAYERS, batch_first=True)
+        self.linear = nn.Sequential(
+            nn.Linear(HIDDEN_FEATURES, HIDDEN_FEATURES),
+            nn.ReLU(),
+            nn.Linear(HIDDEN_FEATURES, HIDDEN_FEATURES),
+            nn.ReLU(),
+        )
+        self.policy_head = nn.Linear(HIDDEN_FEATURES, NUM_CHOICES)
+        self.value_head = nn.Linear(HIDDEN_FEATURES, 1)
+
+    def forward(
+        self, rssi_dbm: Float[Tensor, "chase sample 6"]
+    ) -> tuple[Float[Tensor, "chase 5"], Float[Tensor, "chase"]]:
+        """Policy logits and value in metres."""
+        scaled = nn.functional.linear(rssi_dbm, self.input_weight, self.input_bias)
+        hidden, _ = self.lstm(scaled)
+        features = self.linear(hidden[:, -1])
+        return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
+
+
+class SwarmNetworks(nn.Module):
+    """theta^d, theta^x, theta^y and theta^z, four networks that share nothing."""
+
+    def __init__(self, generator: torch.Generator | None = None) -> None:
+        """``generator`` draws the initial weights; without it they are left for a file to fill."""
+        super().__init__()
+        with torch.random.fork_rng(devices=[]):
+            self.by_name = nn.ModuleDict(
+                {name: ActorCritic(first_axis=max(0, axis - 1)) for axis, name in enumerate(NETWORK_NAMES)}
+            )
+        if generator is not None:
+            initialise(self, generator)
+
+    def forward(
+        self, rssi_dbm: Float[Tensor, "chase sample 6"]
+    ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase 4"]]:
+        """Policy logits and values in metres of the four networks, in the order d, x, y, z."""
+        logits, values = zip(*(network(rssi_dbm) for network in self.by_name.values()), strict=True)
+        return torch.stack(logits, dim=1), torch.stack(values, dim=1)
+
+
+def initialise(networks: SwarmNetworks, generator: torch.Generator) -> None:
+    """Draw all weights anew: uniform in +-1/sqrt(fan) as is usual, policy heads a hundredth of that.
+
+    Small policy heads make the first policy uniform, as the paper's entropy bonus wants it.
+    """
+    with torch.no_grad():
+        for name, parameter in networks.named_parameters():
+            bound = HIDDEN_FEATURES**-0.5
+            parameter.uniform_(-bound, bound, generator=generator)
+            if "policy_head" in name:
+                parameter.mul_(0.01)
+
+
+def greedy_choice(logits: Float[Tensor, "chase 4 5"]) -> Int[Tensor, "chase 4"]:
+    """The most likely choice of each policy."""
+    return logits.argmax(dim=-1)
+
+
+def sampled_choice(logits: Float[Tensor, "chase 4 5"], uniform: Float[Tensor, "chase 4"]) -> Int[Tensor, "chase 4"]:
+    """A choice drawn from each policy by inverting its cumulative distribution at ``uniform``."""
+    cumulative = logits.double().softmax(dim=-1).cumsum(dim=-1)
+    return (cumulative[..., :-1] <= uniform[..., None]).sum(dim=-1)

@@ -1,0 +1,205 @@
+"""Every constant of the world: Section II and Table I of the paper, unit in the name, source beside it.
+
+A scenario is immutable. ``paper_scenario()`` is Table I exactly; any field can be given by keyword, and a bad
+value is refused with the field's name, the value and the allowed range.
+"""
+
+import dataclasses
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from .errors import InputError
+from .files import write_text_atomically
+
+SPEED_OF_LIGHT_MPS = 299_792_458.0
+
+LosPhase = Literal["common", "independent"]
+Continuity = Literal["independent", "continuous"]
+
+NUM_TRACKERS = 6
+"""Two on each of three axes (Section II.A). It is geometry, not a setting."""
+
+
+def doppler_spread_from_speed_hz(relative_speed_mps: float, carrier_frequency_hz: float) -> float:
+    """Eq. (5), f_d = v / c * f_c: 0.1 m/s at 3 GHz gives the 1 Hz of Table I."""
+    return relative_speed_mps / SPEED_OF_LIGHT_MPS * carrier_frequency_hz
+
+
+@dataclass(frozen=True)
+class _Range:
+    """What a number may be; ``text`` is how the refusal says it."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    low_is_allowed: bool = True
+
+    def admits(self, value: float) -> bool:
+        above = value >= self.low if self.low_is_allowed else value > self.low
+        return math.isfinite(value) and above and value <= self.high
+
+    @property
+    def text(self) -> str:
+        if self.low == -math.inf and self.high == math.inf:
+            return "a finite number"
+        if self.high == math.inf:
+            return f"{'at least' if self.low_is_allowed else 'greater than'} {self.low:g}"
+        return f"{'between' if self.low_is_allowed else 'greater than'} {self.low:g} and {'' if self.low_is_allowed else 'at most '}{self.high:g}"
+
+
+_POSITIVE = _Range(low=0, low_is_allowed=False)
+
+
+def _constant(default: Any, allowed: Any, symbol: str, source: str, meaning: str) -> Any:
+    return field(default=default, metadata={"allowed": allowed, "symbol": symbol, "source": source, "help": meaning})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """The world of one chase. Each field's metadata holds its symbol, source, meaning and allowed range.
+
+    Raises:
+        InputError: a value of the wrong type or outside its range.
+    """
+
+    transmit_power_dbm: float = _constant(23.0, _Range(), "P_tx", "Table I", "Transmit power of the target.")
+    reference_distance_m: float = _constant(
+        1.0, _POSITIVE, "d_0", "Table I", "Reference distance of the path loss; nearer distances count as this one."
+    )
+    reference_path_loss_db: float = _constant(30.0, _Range(), "L_0", "Table I", "Path loss at the reference distance.")
+    path_loss_exponent: float = _constant(2.6, _POSITIVE, "n", "Table I", "Path loss exponent.")
+    rician_k: float = _constant(
+        3.0, _Range(low=0), "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
+    )
+    doppler_spread_hz: float = _constant(
+        1.0, _Range(low=0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
+    )
+    window_samples: int = _constant(50, _Range(low=1), "L", "Table I", "RSSI samples a tracker reports in one window.")
+    sampling_hz: float = _constant(
+        10.0, _POSITIVE, "F", "Section IV", "Sampling frequency; the paper uses 10, 20, 50 and 100."
+    )
+    spatial_correlation: float = _constant(
+        0.9,
+        _Range(0, 1),
+        "rho",
+        "Eq. (4)",
+        "Correlation of the scattered parts of two trackers; the paper uses 0.1, 0.5 and 0.9.",
+    )
+    los_phase: LosPhase = _constant(
+        "common", get_args(LosPhase), "-", "choice", "Line-of-sight phase: one for all trackers, or one drawn for each."
+    )
+    continuity: Continuity = _constant(
+        "independent",
+        get_args(Continuity),
+        "-",
+        "choice",
+        "Fading from one window to the next: drawn anew, or one running process.",
+    )
+    start_distance_m: float = _constant(
+        100.0, _POSITIVE, "|O_0 - U|", "Section IV", "Distance of the target at the start."
+    )
+    success_radius_m: float = _constant(
+        2.0, _POSITIVE, "th", "Table I", "The chase succeeds when the centre is at most this far from the target."
+    )
+    max_movements: int = _constant(
+        500, _Range(low=1), "MAX_STEPS", "Table I", "Movements after which a chase has failed."
+    )
+    spacing_choices_m: tuple[float, ...] = _constant(
+        (1.0, 2.0, 3.0, 4.0, 5.0), _POSITIVE, "A^d", "Section III.A", "Spacings the controller can choose."
+    )
+    displacement_choices_m: tuple[float, ...] = _constant(
+        (-4.0, -2.0, 0.0, 2.0, 4.0),
+        _Range(),
+        "A^x, A^y, A^z",
+        "Section III.A",
+        "Displacements the controller can choose on each axis.",
+    )
+    initial_spacing_m: float = _constant(5.0, _POSITIVE, "d_0", "choice", "Spacing while the first window is heard.")
+    tracker_speed_mps: float = _constant(5.0, _POSITIVE, "v", "Section IV", "Speed of the swarm between two windows.")
+
+    def __post_init__(self) -> None:
+        for constant in dataclasses.fields(self):
+            value = _checked(constant, getattr(self, constant.name))
+            object.__setattr__(self, constant.name, value)
+
+    @property
+    def window_s(self) -> float:
+        """Time to hear one window, L / F (Section IV, tau(M, F))."""
+        return self.window_samples / self.sampling_hz
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field as JSON and TOML can hold it."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "Scenario":
+        """The scenario with these fields; what is not named keeps its default.
+
+        Raises:
+            InputError: an unknown field, or a value that is refused.
+        """
+        known = {constant.name for constant in dataclasses.fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise InputError(f"scenario has no field {unknown[0]!r}; its fields are {', '.join(sorted(known))}")
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+    def save_toml(self, path: Path) -> None:
+        """Write every field to a TOML file, whole or not at all."""
+        lines = [f"{name} = {_toml_value(value)}" for name, value in self.to_dict().items()]
+        write_text_atomically(path, "\n".join(lines) + "\n")
+
+    @classmethod
+    def load_toml(cls, path: Path) -> "Scenario":
+        """Read what ``save_toml`` wrote, or a file with only the fields that differ from Table I.
+
+        Raises:
+            InputError: no such file, not TOML, or a field that is refused.
+        """
+        try:
+            with open(path, "rb") as file:
+                values = tomllib.load(file)
+        except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read scenario {path}: {error}") from error
+        return cls.from_dict(values)
+
+
+def paper_scenario(**changes: Any) -> Scenario:
+    """Table I of the paper, with the named fields changed (usually ``sampling_hz`` and ``spatial_correlation``)."""
+    return Scenario.from_dict(changes)
+
+
+def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
+    """The value in its field's own type, or a refusal with name, value and range."""
+    allowed = constant.metadata["allowed"]
+    if isinstance(allowed, _Range):
+        if isinstance(constant.default, tuple):
+            if not isinstance(value, tuple) or not value:
+                raise InputError(
+                    f"{constant.name} = {value!r} is refused: a list of numbers, each {allowed.text}, is needed"
+                )
+            return tuple(_checked_number(constant.name, entry, allowed, whole=False) for entry in value)
+        return _checked_number(constant.name, value, allowed, whole=isinstance(constant.default, int))
+    if value not in allowed:
+        raise InputError(f"{constant.name} = {value!r} is refused: allowed is {' or '.join(map(repr, allowed))}")
+    return value
+
+
+def _checked_number(name: str, value: Any, allowed: _Range, whole: bool) -> float | int:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not allowed.admits(value) or (whole and int(value) != value):
+        raise InputError(
+            f"{name} = {value!r} is refused: allowed is {'a whole number ' if whole else ''}{allowed.text}"
+        )
+    return int(value) if whole else float(value)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_toml_value(entry) for entry in value)}]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -1,0 +1,159 @@
+"""What a training run leaves in its folder: a resume file, the log of its chases and evaluations, TensorBoard events."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ..errors import InputError
+from ..files import require_writable_folder, write_text_atomically
+from ..scenario import Scenario
+from ..tensor_files import load_tensors, save_tensors
+from .agent import AgentSnapshot, FinishedChase
+from .evaluator import Evaluation
+from .global_agent import SharedParameters
+from .settings import A3CSettings
+
+RESUME_FILE = "resume.safetensors"
+LOG_FILE = "training.jsonl"
+FORMAT = "swarmchase-a3c-resume-1"
+
+
+@dataclasses.dataclass(frozen=True)
+class ResumePoint:
+    """Everything a run needs to go on exactly where it was."""
+
+    parameters: SharedParameters
+    agents: Sequence[AgentSnapshot]
+    best: Evaluation | None
+    environment_steps: int
+    seconds: float
+    """Wall time spent so far."""
+
+
+class RunFolder:
+    """The folder of one run."""
+
+    def __init__(self, folder: Path, scenario: Scenario, settings: A3CSettings) -> None:
+        require_writable_folder(folder)
+        self.folder = folder
+        self._identity = {"format": FORMAT, "scenario": scenario.to_dict(), "settings": settings.to_dict()}
+
+    @property
+    def has_resume_point(self) -> bool:
+        """Whether there is a run to go on with."""
+        return (self.folder / RESUME_FILE).exists()
+
+    def save(self, point: ResumePoint) -> None:
+        """Write the resume file, whole or not at all."""
+        parameters = {
+            f"global.{part.name}": getattr(point.parameters, part.name) for part in dataclasses.fields(SharedParameters)
+        }
+        tensors = {name: torch.from_numpy(array) for agent in point.agents for name, array in agent.arrays.items()}
+        document = {
+            **self._identity,
+            "agents": [agent.document for agent in point.agents],
+            "best": None if point.best is None else dataclasses.asdict(point.best),
+            "environment_steps": point.environment_steps,
+            "seconds": point.seconds,
+        }
+        save_tensors(self.folder / RESUME_FILE, parameters | tensors, document)
+
+    def load(self) -> ResumePoint:
+        """Read the resume file.
+
+        Raises:
+            InputError: damaged, or of a run with another scenario or other settings.
+        """
+        path = self.folder / RESUME_FILE
+        tensors, document = load_tensors(path, "resume file")
+        for name, value in self._identity.items():
+            if document.get(name) != json.loads(json.dumps(value)):
+                raise InputError(
+                    f"resume file {path} belongs to a run with another {name}; choose another folder or give the same options"
+                )
+        try:
+            parameters = SharedParameters(
+                **{part.name: tensors[f"global.{part.name}"] for part in dataclasses.fields(SharedParameters)}
+            )
+            agents = [
+                AgentSnapshot(
+                    {name: tensor.numpy() for name, tensor in tensors.items() if name.startswith(f"agent{index}.")},
+                    agent,
+                )
+                for index, agent in enumerate(document["agents"])
+            ]
+            best = None if document["best"] is None else Evaluation(**document["best"])
+            return ResumePoint(parameters, agents, best, document["environment_steps"], document["seconds"])
+        except (KeyError, TypeError) as error:
+            raise InputError(f"resume file {path} is incomplete: {error}") from error
+
+
+class TrainingLog:
+    """One JSON line for every finished chase and every evaluation, and the same numbers for TensorBoard."""
+
+    def __init__(self, folder: Path, resume_update: int) -> None:
+        self._path = folder / LOG_FILE
+        self._forget_after(resume_update)
+        self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115 (closed by close())
+        self._board = _tensorboard(folder)
+
+    def chase(self, chase: FinishedChase) -> None:
+        """Log a chase of the training."""
+        self._write({"kind": "chase", **dataclasses.asdict(chase)})
+        names = ("reward_d_m", "reward_x_m", "reward_y_m", "reward_z_m")
+        self._plot(
+            "chase", {"movements": chase.movements, **dict(zip(names, chase.reward_m, strict=True))}, chase.update
+        )
+
+    def evaluation(self, evaluation: Evaluation, seconds: float, environment_steps: int) -> None:
+        """Log an evaluation by the auxiliary agent."""
+        numbers = dataclasses.asdict(evaluation)
+        self._write(
+            {"kind": "evaluation", **numbers, "seconds": round(seconds, 1), "environment_steps": environment_steps}
+        )
+        self._plot("evaluation", numbers, evaluation.update)
+        self.flush()
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the log."""
+        self._file.close()
+        if self._board is not None:
+            self._board.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._file.write(json.dumps(line) + "\n")
+
+    def _plot(self, group: str, numbers: dict[str, float], update: int) -> None:
+        if self._board is not None:
+            for name, number in numbers.items():
+                self._board.add_scalar(f"{group}/{name}", number, update)
+
+    def _forget_after(self, update: int) -> None:
+        """Drop what an interrupted run logged after its last checkpoint: it will be made again."""
+        if self._path.exists():
+            lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
+            kept = [line for line in lines if line.endswith("\n") and json.loads(line)["update"] <= update]
+            write_text_atomically(self._path, "".join(kept))
+
+
+def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
+    """The lines of one kind ("chase" or "evaluation") of a run's log."""
+    with open(folder / LOG_FILE, encoding="utf-8") as file:
+        return [line for line in map(json.loads, file) if line["kind"] == kind]
+
+
+def _tensorboard(folder: Path) -> Any:
+    """A TensorBoard writer, or None where TensorBoard is not installed (a training machine with torch alone)."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ModuleNotFoundError:
+        return None
+    return SummaryWriter(str(folder / "tensorboard"))  # type: ignore[no-untyped-call]

@@ -1,0 +1,85 @@
+"""What defines an A3C run, and the named presets."""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from ..errors import InputError
+from .losses import LossSettings
+
+Schedule = Literal["processes", "deterministic"]
+"""Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class A3CSettings:
+    """An A3C run. The defaults are Table I.
+
+    Raises:
+        InputError: a number outside its range.
+    """
+
+    num_agents: int = 8
+    """Number of local agents (Table I)."""
+    update_interval: int = 5
+    """T, movements between two updates (Table I)."""
+    learning_rate: float = 1e-5
+    """Adam's learning rate (Table I)."""
+    final_learning_rate: float | None = None
+    """Falls linearly to this over the run; None keeps it constant, as in the paper."""
+    losses: LossSettings = field(default_factory=LossSettings)
+    """Discount, entropy bonus, value loss and the cut at MAX_STEPS."""
+    max_updates: int = 200_000
+    """Updates of the global networks; the paper's EPISODES are not stated."""
+    seed: int = 0
+    """Seed of the training's chases, initial weights and actions."""
+    evaluation_interval: int = 5_000
+    """Updates between two evaluations by the auxiliary agent."""
+    evaluation_chases: int = 100
+    """Fixed chases of such an evaluation."""
+    stop_at_p90: float | None = None
+    """Training stops when the 90th percentile of movements in an evaluation is at most this; None never stops it."""
+    checkpoint_interval: int = 2_000
+    """Updates between two checkpoints."""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "num_agents",
+            "update_interval",
+            "max_updates",
+            "evaluation_interval",
+            "evaluation_chases",
+            "checkpoint_interval",
+        ):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is at least 1")
+        if not self.learning_rate > 0:
+            raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
+        if self.seed < 0:
+            raise InputError(f"seed = {self.seed} is refused: allowed is at least 0")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every setting as JSON can hold it."""
+        return dataclasses.asdict(self)
+
+
+PRESETS: dict[str, A3CSettings] = {
+    "paper": A3CSettings(),
+}
+"""``paper`` is Table I exactly."""
+
+
+def a3c_preset(name: str) -> A3CSettings:
+    """The settings of a named preset.
+
+    Raises:
+        InputError: no such preset.
+    """
+    if name not in PRESETS:
+        raise InputError(f"no preset {name!r}; there are {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def training_seed(seed: int) -> int:
+    """The seed of a training's chases: far from any that a person types, so evaluation never meets a chase of the training."""
+    return (1 << 62) + seed
