@@ -31,7 +31,10 @@ _HOME = {
     "paper_scenario": "scenario",
 }
 
-__all__ = ["__version__", *_HOME]
+__all__ = [  # noqa: PLE0604 (the names below are made by __getattr__)
+    "__version__",
+    *_HOME,
+]
 
 
 def __getattr__(name: str) -> Any:

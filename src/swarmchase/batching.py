@@ -1,6 +1,7 @@
 """Batches of chases: pick some, put two batches together, take one apart for a file.
 
-Works on any dataclass whose fields are tensors with the chase axis first, ``ChaseStreams``, such dataclasses again, or None.
+Works on any dataclass whose fields are tensors with the chase axis first, ``ChaseStreams``, such dataclasses again, or
+None.
 """
 
 import dataclasses
@@ -19,7 +20,7 @@ def select_chases(batch: Batch, rows: Sequence[int]) -> Batch:
     """The chases in these rows, in this order."""
     value: Any = batch
     if value is None:
-        return value  # type: ignore[no-any-return]
+        return batch
     if isinstance(value, torch.Tensor):
         return value[torch.as_tensor(rows, dtype=torch.long, device=value.device)]  # type: ignore[return-value]
     if isinstance(value, ChaseStreams):
@@ -32,7 +33,7 @@ def join_chases(first: Batch, second: Batch) -> Batch:
     one: Any = first
     other: Any = second
     if one is None:
-        return one  # type: ignore[no-any-return]
+        return first
     if isinstance(one, torch.Tensor):
         return torch.cat([one, other])  # type: ignore[return-value]
     if isinstance(one, ChaseStreams):
@@ -64,7 +65,7 @@ def unpack(like: Batch, prefix: str, tensors: dict[str, torch.Tensor], positions
     """
     value: Any = like
     if value is None:
-        return value  # type: ignore[no-any-return]
+        return like
     try:
         if isinstance(value, torch.Tensor):
             return tensors[prefix]  # type: ignore[return-value]

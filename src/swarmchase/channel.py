@@ -7,7 +7,7 @@ For tracker u, with path loss L(d_u) and fading h_u of unit mean power,
     E[z_u(t) z_v*(t + tau)] = C_uv J0(2 pi f_d tau),    C = 1 on the diagonal and rho off it
 
 The correlation acts on the scattered part z alone; the line of sight is added after it, so that K and the mean power
-are the same at every tracker. Fading is held as [chase, tracker, part, sample] with part 0 in phase and 1 in quadrature.
+are the same at every tracker. Fading is held as [chase, tracker, part, sample], part 0 in phase and 1 in quadrature.
 """
 
 import math
@@ -40,7 +40,7 @@ def path_loss_db(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Flo
 
 def fading_db(fading: Float[Tensor, "chase tracker 2 sample"]) -> Float[Tensor, "chase tracker sample"]:
     """20 log10 |h|, at least ``DEEPEST_FADE_DB``."""
-    power = fading[:, :, 0].square() + fading[:, :, 1].square()
+    power = fading[:, :, 0].square().addcmul_(fading[:, :, 1], fading[:, :, 1])
     return power.clamp_min_(10 ** (DEEPEST_FADE_DB / 10)).log10_().mul_(10)
 
 
@@ -78,27 +78,25 @@ class FadingProcess:
         self._scenario = scenario
         self._device = torch.device(device)
         self._los_amplitude = math.sqrt(scenario.rician_k / (scenario.rician_k + 1))
-        self._scattered_amplitude = math.sqrt(1 / (scenario.rician_k + 1))
+        scattered_amplitude = math.sqrt(1 / (scenario.rician_k + 1))
         self._mixing = spatial_mixing(scenario.spatial_correlation)
         self._sample_time_s = np.arange(scenario.window_samples) / scenario.sampling_hz
         if scenario.continuity == "independent":
-            self._basis = (
-                torch.from_numpy(jakes_basis(self._sample_time_s, scenario.doppler_spread_hz)).float().to(device)
-            )
+            basis = scattered_amplitude * jakes_basis(self._sample_time_s, scenario.doppler_spread_hz)
+            self._basis = torch.from_numpy(basis).float().to(device)
         else:
             horizon_s = max(CONTINUOUS_HORIZON_S, 2 * scenario.window_s)
-            self._frequency_hz = torch.from_numpy(harmonic_frequency_hz(scenario.doppler_spread_hz, horizon_s)).to(
-                device
-            )
+            frequency_hz = harmonic_frequency_hz(scenario.doppler_spread_hz, horizon_s)
+            self._frequency_hz = torch.from_numpy(frequency_hz).to(device)
+            self._harmonic_amplitude = scattered_amplitude * math.sqrt(0.5 / len(frequency_hz))
 
     def begin(self, keys: list[ChaseKey]) -> FadingState:
         """The fading of these chases before their first window."""
         streams = ChaseStreams.of(keys, "fading")
         los_phase_rad = harmonics = None
         if self._scenario.continuity == "continuous":
-            num_harmonics = len(self._frequency_hz)
-            normals = streams.standard_normal(NUM_TRACKERS, 2, num_harmonics).to(self._device)
-            harmonics = self._mixed(normals) * math.sqrt(0.5 / num_harmonics)
+            normals = streams.standard_normal(NUM_TRACKERS, 2, len(self._frequency_hz)).to(self._device)
+            harmonics = self._mixed(normals) * self._harmonic_amplitude
             if self._scenario.los_phase == "independent":
                 los_phase_rad = self._drawn_phase_rad(streams)
         return FadingState(
@@ -112,7 +110,7 @@ class FadingProcess:
             scattered = self._mixed(normals) @ self._basis
         else:
             scattered = self._sum_of_harmonics(state.harmonics, state.time_s)
-        return self._with_line_of_sight(scattered.mul_(self._scattered_amplitude), state)
+        return self._with_line_of_sight(scattered, state)
 
     def advanced_time_s(self, state: FadingState, travel_s: Float[Tensor, "chase"]) -> Float[Tensor, "chase"]:
         """When the window after the next movement begins: one window and the movement's travel later."""
@@ -121,7 +119,7 @@ class FadingProcess:
     def _mixed(self, normals: Float[Tensor, "chase tracker 2 k"]) -> Float[Tensor, "chase tracker 2 k"]:
         """The matrix square root of C (Eq. 3) applied across trackers."""
         own, shared = self._mixing
-        return normals.mul(own).add_(normals.sum(dim=1, keepdim=True).mul_(shared))
+        return torch.add(normals.sum(dim=1, keepdim=True).mul_(shared), normals, alpha=own)
 
     def _sum_of_harmonics(
         self, harmonics: Float[Tensor, "chase tracker 2 harmonic"], time_s: Float[Tensor, "chase"]
@@ -181,7 +179,7 @@ def harmonic_frequency_hz(doppler_spread_hz: float, horizon_s: float) -> "np.nda
     """
     reach = 2 * math.pi * doppler_spread_hz * horizon_s
     num_harmonics = max(1, math.ceil(reach / 2))
-    while abs(jv(2 * num_harmonics, reach)) > HARMONIC_TOLERANCE:
+    while abs(float(jv(2 * num_harmonics, reach))) > HARMONIC_TOLERANCE:
         num_harmonics += 1
     angle_rad = np.pi * (np.arange(num_harmonics) + 0.5) / num_harmonics
     return np.asarray(doppler_spread_hz * np.cos(angle_rad))

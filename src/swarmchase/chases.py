@@ -13,8 +13,9 @@ import torch
 from .batching import join_chases, select_chases
 from .controllers.protocol import Controller
 from .environment import Environment, State
+from .errors import InputError
 from .scenario import Scenario
-from .streams import chase_keys
+from .streams import ChaseKey, chase_keys
 
 DEFAULT_BATCH_SIZE = 128
 
@@ -38,9 +39,17 @@ class ChaseResult:
 def run_chases(
     scenario: Scenario, controller: Controller, seed: int, chases: Sequence[int], batch_size: int = DEFAULT_BATCH_SIZE
 ) -> Iterator[ChaseResult]:
-    """Run the consecutive ``chases`` of run ``seed`` and yield each as it ends, the earliest to end first."""
-    environment = Environment(scenario)
+    """Run the consecutive ``chases`` of run ``seed`` and yield each as it ends, the earliest to end first.
+
+    Raises:
+        InputError: chases that are not consecutive, or no room for any.
+    """
     waiting = list(chases)
+    if waiting != list(range(waiting[0], waiting[0] + len(waiting)) if waiting else []):
+        raise InputError("chases are refused: their numbers must be consecutive")
+    if batch_size < 1:
+        raise InputError(f"batch_size = {batch_size} is refused: allowed is at least 1")
+    environment = Environment(scenario)
     numbers: list[int] = []
     state: State | None = None
     memory = None
@@ -59,20 +68,20 @@ def run_chases(
         if any(ended):
             reached = outcome.reached.tolist()
             for row in np.flatnonzero(ended):
-                yield _result(scenario, seed, numbers[row], state, int(row), reached[row])
+                yield _result(scenario, (seed, numbers[row]), state, int(row), reached[row])
             running = [row for row, end in enumerate(ended) if not end]
             numbers = [numbers[row] for row in running]
             if running:
                 state, memory = select_chases(state, running), select_chases(memory, running)
 
 
-def _result(scenario: Scenario, seed: int, chase: int, state: State, row: int, reached: bool) -> ChaseResult:
+def _result(scenario: Scenario, key: ChaseKey, state: State, row: int, reached: bool) -> ChaseResult:
     x_m, y_m, z_m = state.target_position_m[row].tolist()
     movements = int(state.movements[row]) if reached else scenario.max_movements + 1
-    return ChaseResult(seed, chase, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
+    return ChaseResult(*key, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
 
 
-def nearest_rank_percentile(values: Sequence[float] | torch.Tensor | np.ndarray, percent: float) -> float:
+def nearest_rank_percentile(values: Sequence[float | int] | torch.Tensor | np.ndarray, percent: float | int) -> float:
     """The smallest value that at least ``percent`` % of the values do not exceed."""
     ordered = np.sort(np.asarray(values))
-    return float(ordered[max(0, int(np.ceil(percent / 100 * len(ordered))) - 1)])
+    return float(ordered[max(0, int(np.ceil(percent * len(ordered) / 100)) - 1)])

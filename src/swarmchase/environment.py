@@ -20,7 +20,10 @@ from .target import draw_target_position_m
 
 @dataclass(frozen=True)
 class State:
-    """Everything a batch of chases is at one moment. Metres are in the chase's own frame (origin: the centre's start), float64."""
+    """Everything a batch of chases is at one moment.
+
+    Metres are float64 in the chase's own frame (origin: the centre's start).
+    """
 
     target_position_m: Float[Tensor, "chase 3"]
     """U, where the target is."""
@@ -85,9 +88,9 @@ class Environment:
         """Carry out one action in every chase: act, move, observe, reward.
 
         Raises:
-            InputError: an action outside the action sets of Section III.A.
+            InputError: an action outside the action sets of Section III.A, or for another number of chases.
         """
-        self._require_allowed(action)
+        self._require_allowed(state, action)
         center_m = state.center_m + action.displacement_m
         travel_m = action.displacement_m.norm(dim=1)
         time_s = self._fading.advanced_time_s(state.fading, travel_m / self.scenario.tracker_speed_mps)
@@ -121,20 +124,27 @@ class Environment:
             truncated=(after.movements >= self.scenario.max_movements) & ~reached,
         )
 
-    def _require_allowed(self, action: Action) -> None:
-        if not torch.isin(action.spacing_m, self._spacing_choices_m).all():
+    def _require_allowed(self, state: State, action: Action) -> None:
+        given, needed = (action.spacing_m, action.displacement_m), (state.spacing_m, state.center_m)
+        if [tuple(part.shape) for part in given] != [tuple(part.shape) for part in needed]:
             raise InputError(
-                f"spacing_m = {action.spacing_m.tolist()} is refused: each must be one of {self.scenario.spacing_choices_m}"
+                f"an action of shapes {tuple(given[0].shape)} and {tuple(given[1].shape)} is refused: "
+                f"{len(state.spacing_m)} chases need spacing_m [chase] and displacement_m [chase, 3]"
             )
-        if not torch.isin(action.displacement_m, self._displacement_choices_m).all():
-            raise InputError(
-                f"displacement_m = {action.displacement_m.tolist()} is refused: each must be one of {self.scenario.displacement_choices_m}"
-            )
+        _require_choices("spacing_m", action.spacing_m, self._spacing_choices_m)
+        _require_choices("displacement_m", action.displacement_m, self._displacement_choices_m)
+
+
+def _require_choices(name: str, value: Float[Tensor, "..."], choices: Float[Tensor, "choice"]) -> None:
+    allowed = torch.isin(value, choices)
+    if not allowed.all():
+        raise InputError(f"{name} = {value[~allowed][0].item()} is refused: allowed is one of {choices.tolist()}")
 
 
 def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
     """|O_t - U|."""
-    return (state.center_m - state.target_position_m).norm(dim=1)
+    distance_m: Tensor = torch.linalg.vector_norm(state.center_m - state.target_position_m, dim=1)
+    return distance_m
 
 
 def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:

@@ -23,6 +23,11 @@ LEVEL_SCALE_DB = 10.0
 VALUE_SCALE_M = 10.0
 """The value head's unit: a value is a distance still to be won, tens of metres."""
 
+PAPER_WINDOW_SAMPLES = 50
+INITIAL_GATE_GAIN = 0.1
+INITIAL_CANDIDATE_GAIN = (2.0, 4.0, 4.0)
+INITIAL_OUTPUT_GATE_BIAS = 2.0
+
 
 def input_map(first_axis: int) -> tuple[Tensor, Tensor]:
     """The fixed invertible map of the six RSSI columns: (weight [6, 6], bias [6]).
@@ -45,6 +50,9 @@ def input_map(first_axis: int) -> tuple[Tensor, Tensor]:
 
 class ActorCritic(nn.Module):
     """One network theta^n: a window of RSSI to a policy over five choices and a value in metres."""
+
+    input_weight: Tensor
+    input_bias: Tensor
 
     def __init__(self, first_axis: int) -> None:
         super().__init__()
@@ -93,16 +101,42 @@ class SwarmNetworks(nn.Module):
 
 
 def initialise(networks: SwarmNetworks, generator: torch.Generator) -> None:
-    """Draw all weights anew: uniform in +-1/sqrt(fan) as is usual, policy heads a hundredth of that.
+    """Draw all weights anew. The paper says nothing of them; what matters is that a new network hears its input.
 
-    Small policy heads make the first policy uniform, as the paper's entropy bonus wants it.
+    With the usual uniform weights the last features of the three layers vary by 0.0002 from one direction of the target
+    to another, and training first has to make them vary at all. Here each LSTM begins as an average over the window:
+    forget biases log T' with T' uniform on (1, L - 1) samples and input biases the opposite (Tallec and Ollivier
+    2018, "Can recurrent neural networks warp time?"), gates nearly open-loop, candidates with a gain that makes up for
+    what the gates take. Features then vary by 0.2.
     """
     with torch.no_grad():
-        for name, parameter in networks.named_parameters():
-            bound = HIDDEN_FEATURES**-0.5
-            parameter.uniform_(-bound, bound, generator=generator)
-            if "policy_head" in name:
-                parameter.mul_(0.01)
+        for network in networks.by_name.values():
+            assert isinstance(network, ActorCritic)
+            for layer in range(NUM_LSTM_LAYERS):
+                _initialise_lstm_layer(network.lstm, layer, generator)
+            for linear in (network.linear[0], network.linear[2]):
+                assert isinstance(linear, nn.Linear)
+                linear.weight.normal_(0, (2 / HIDDEN_FEATURES) ** 0.5, generator=generator)
+                linear.bias.zero_()
+            for head in (network.policy_head, network.value_head):
+                head.weight.uniform_(-(HIDDEN_FEATURES**-0.5), HIDDEN_FEATURES**-0.5, generator=generator)
+                head.bias.zero_()
+
+
+def _initialise_lstm_layer(lstm: nn.LSTM, layer: int, generator: torch.Generator) -> None:
+    input_weight, recurrent_weight = getattr(lstm, f"weight_ih_l{layer}"), getattr(lstm, f"weight_hh_l{layer}")
+    bias, second_bias = getattr(lstm, f"bias_ih_l{layer}"), getattr(lstm, f"bias_hh_l{layer}")
+    input_gate, forget_gate, candidate, output_gate = (
+        slice(k * HIDDEN_FEATURES, (k + 1) * HIDDEN_FEATURES) for k in range(4)
+    )
+    input_weight.normal_(0, INITIAL_GATE_GAIN * input_weight.shape[1] ** -0.5, generator=generator)
+    input_weight[candidate] *= INITIAL_CANDIDATE_GAIN[layer] / INITIAL_GATE_GAIN
+    recurrent_weight.normal_(0, INITIAL_GATE_GAIN * HIDDEN_FEATURES**-0.5, generator=generator)
+    second_bias.zero_()
+    bias.zero_()
+    bias[forget_gate].uniform_(1, PAPER_WINDOW_SAMPLES - 1, generator=generator).log_()
+    bias[input_gate] = -bias[forget_gate]
+    bias[output_gate] = INITIAL_OUTPUT_GATE_BIAS
 
 
 def greedy_choice(logits: Float[Tensor, "chase 4 5"]) -> Int[Tensor, "chase 4"]:

@@ -6,6 +6,7 @@ value is refused with the field's name, the value and the allowed range.
 
 import dataclasses
 import math
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -37,9 +38,10 @@ class _Range:
     high: float = math.inf
     low_is_allowed: bool = True
 
-    def admits(self, value: float) -> bool:
+    def admits(self, value: float | int) -> bool:
         above = value >= self.low if self.low_is_allowed else value > self.low
-        return math.isfinite(value) and above and value <= self.high
+        # abs() <= max is isfinite() for whole numbers of any size, too.
+        return abs(value) <= sys.float_info.max and above and value <= self.high
 
     @property
     def text(self) -> str:
@@ -47,10 +49,12 @@ class _Range:
             return "a finite number"
         if self.high == math.inf:
             return f"{'at least' if self.low_is_allowed else 'greater than'} {self.low:g}"
-        return f"{'between' if self.low_is_allowed else 'greater than'} {self.low:g} and {'' if self.low_is_allowed else 'at most '}{self.high:g}"
+        if self.low_is_allowed:
+            return f"between {self.low:g} and {self.high:g}"
+        return f"greater than {self.low:g} and at most {self.high:g}"
 
 
-_POSITIVE = _Range(low=0, low_is_allowed=False)
+_POSITIVE = _Range(low=0.0, low_is_allowed=False)
 
 
 def _constant(default: Any, allowed: Any, symbol: str, source: str, meaning: str) -> Any:
@@ -72,26 +76,28 @@ class Scenario:
     reference_path_loss_db: float = _constant(30.0, _Range(), "L_0", "Table I", "Path loss at the reference distance.")
     path_loss_exponent: float = _constant(2.6, _POSITIVE, "n", "Table I", "Path loss exponent.")
     rician_k: float = _constant(
-        3.0, _Range(low=0), "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
+        3.0, _Range(low=0.0), "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
     )
     doppler_spread_hz: float = _constant(
-        1.0, _Range(low=0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
+        1.0, _Range(low=0.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
     )
-    window_samples: int = _constant(50, _Range(low=1), "L", "Table I", "RSSI samples a tracker reports in one window.")
+    window_samples: int = _constant(
+        50, _Range(low=1.0), "L", "Table I", "RSSI samples a tracker reports in one window."
+    )
     sampling_hz: float = _constant(
         10.0, _POSITIVE, "F", "Section IV", "Sampling frequency; the paper uses 10, 20, 50 and 100."
     )
     spatial_correlation: float = _constant(
         0.9,
-        _Range(0, 1),
+        _Range(0.0, 1.0),
         "rho",
         "Eq. (4)",
         "Correlation of the scattered parts of two trackers; the paper uses 0.1, 0.5 and 0.9.",
     )
-    los_phase: LosPhase = _constant(
+    los_phase: LosPhase = _constant(  # noqa: RUF009
         "common", get_args(LosPhase), "-", "choice", "Line-of-sight phase: one for all trackers, or one drawn for each."
     )
-    continuity: Continuity = _constant(
+    continuity: Continuity = _constant(  # noqa: RUF009
         "independent",
         get_args(Continuity),
         "-",
@@ -105,7 +111,7 @@ class Scenario:
         2.0, _POSITIVE, "th", "Table I", "The chase succeeds when the centre is at most this far from the target."
     )
     max_movements: int = _constant(
-        500, _Range(low=1), "MAX_STEPS", "Table I", "Movements after which a chase has failed."
+        500, _Range(low=1.0), "MAX_STEPS", "Table I", "Movements after which a chase has failed."
     )
     spacing_choices_m: tuple[float, ...] = _constant(
         (1.0, 2.0, 3.0, 4.0, 5.0), _POSITIVE, "A^d", "Section III.A", "Spacings the controller can choose."
@@ -143,11 +149,11 @@ class Scenario:
         Raises:
             InputError: an unknown field, or a value that is refused.
         """
-        known = {constant.name for constant in dataclasses.fields(cls)}
-        unknown = sorted(set(values) - known)
+        known = {constant.name: constant for constant in dataclasses.fields(cls)}
+        unknown = sorted(set(values) - set(known))
         if unknown:
             raise InputError(f"scenario has no field {unknown[0]!r}; its fields are {', '.join(sorted(known))}")
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+        return cls(**{name: _checked(known[name], value) for name, value in values.items()})
 
     def save_toml(self, path: Path) -> None:
         """Write every field to a TOML file, whole or not at all."""
@@ -177,6 +183,7 @@ def paper_scenario(**changes: Any) -> Scenario:
 def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
     """The value in its field's own type, or a refusal with name, value and range."""
     allowed = constant.metadata["allowed"]
+    value = tuple(value) if isinstance(value, list) else value
     if isinstance(allowed, _Range):
         if isinstance(constant.default, tuple):
             if not isinstance(value, tuple) or not value:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import torch
+
 from .array_types import Float, Tensor
 from .scenario import Scenario
 from .streams import ChaseKey, ChaseStreams
@@ -10,4 +12,5 @@ from .streams import ChaseKey, ChaseStreams
 def draw_target_position_m(scenario: Scenario, keys: Sequence[ChaseKey]) -> Float[Tensor, "chase 3"]:
     """Targets uniform on the sphere of radius |O_0 - U| = 100 m around the centre's start, float64."""
     direction = ChaseStreams.of(keys, "target").standard_normal(3).double()
-    return scenario.start_distance_m * direction / direction.norm(dim=1, keepdim=True)
+    length: Tensor = torch.linalg.vector_norm(direction, dim=1, keepdim=True)
+    return scenario.start_distance_m * direction / length

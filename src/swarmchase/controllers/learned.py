@@ -11,7 +11,7 @@ import torch
 
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..networks import NETWORK_NAMES, SwarmNetworks, greedy_choice, sampled_choice
+from ..networks import NETWORK_NAMES, NUM_CHOICES, SwarmNetworks, greedy_choice, sampled_choice
 from ..observation import Observation
 from ..scenario import NUM_TRACKERS, Scenario
 from ..streams import ChaseStreams, chase_keys
@@ -30,11 +30,19 @@ class LearnedMemory:
 
 
 class LearnedController:
-    """The paper's controller: samples from its policies ("stochastically determine"), or takes their most likely action."""
+    """Samples from its policies ("stochastically determine", Section II.A), or takes their most likely action.
+
+    Raises:
+        InputError: action sets that are not of five choices each.
+    """
 
     def __init__(
         self, scenario: Scenario, networks: SwarmNetworks, name: str, action_choice: ActionChoice = "sampled"
     ) -> None:
+        if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
+            raise InputError(
+                f"{name} decides between {NUM_CHOICES} spacings and displacements; the scenario has other action sets"
+            )
         self.name = name
         self._scenario = scenario
         self._networks = networks.eval()
@@ -66,7 +74,8 @@ class LearnedController:
         window_dbm = observation.rssi_dbm.float()
         if window_dbm.shape[1:] != (self._scenario.window_samples, NUM_TRACKERS):
             raise InputError(
-                f"a window of {tuple(window_dbm.shape[1:])} is refused: {self.name} needs {self._scenario.window_samples} samples of {NUM_TRACKERS} trackers"
+                f"a window of {tuple(window_dbm.shape[1:])} is refused: "
+                f"{self.name} needs {self._scenario.window_samples} samples of {NUM_TRACKERS} trackers"
             )
         if not window_dbm.isfinite().all():
             missing = int((~window_dbm.isfinite()).sum())
@@ -78,4 +87,5 @@ class LearnedController:
             window_dbm = torch.cat([window_dbm, window_dbm[:1].expand(SMALLEST_BATCH - num_chases, -1, -1)])
         with torch.inference_mode():
             logits, _ = self._networks(window_dbm.contiguous())
-        return logits[:num_chases].clone()
+        chosen: torch.Tensor = logits[:num_chases]
+        return chosen.clone()

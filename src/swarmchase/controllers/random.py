@@ -1,9 +1,13 @@
-"""``random``: every choice equally likely. The floor of any comparison. It does not listen, so missing samples change nothing."""
+"""``random``: every choice equally likely, the floor of any comparison.
+
+It does not listen, so missing samples change nothing.
+"""
 
 from dataclasses import dataclass
 
+import torch
+
 from ..formation import Action, action_from_choice
-from ..networks import NETWORK_NAMES, NUM_CHOICES
 from ..observation import Observation
 from ..scenario import Scenario
 from ..streams import ChaseStreams, chase_keys
@@ -23,6 +27,8 @@ class RandomController:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
+        axis_choices = len(scenario.displacement_choices_m)
+        self._num_choices = torch.tensor([len(scenario.spacing_choices_m), axis_choices, axis_choices, axis_choices])
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> RandomMemory:
         """The streams of these chases."""
@@ -30,5 +36,5 @@ class RandomController:
 
     def decide(self, observation: Observation, memory: RandomMemory) -> tuple[Action, RandomMemory]:
         """A uniform action."""
-        choice = (memory.streams.uniform(len(NETWORK_NAMES)) * NUM_CHOICES).long()
+        choice = (memory.streams.uniform(len(self._num_choices)) * self._num_choices).long()
         return action_from_choice(self._scenario, choice), memory

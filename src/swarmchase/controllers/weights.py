@@ -37,7 +37,8 @@ def load_weights(path: Path) -> tuple[SwarmNetworks, dict[str, Any]]:
     if found != expected:
         name = sorted(set(expected.items()) ^ set(found.items()))[0][0]
         raise InputError(
-            f"weights file {path} does not match the networks: {name} is {found.get(name, 'missing')}, needed is {expected.get(name, 'no such parameter')}"
+            f"weights file {path} does not match the networks: {name} is {found.get(name, 'missing')}, "
+            f"needed is {expected.get(name, 'no such parameter')}"
         )
     if not all(tensor.isfinite().all() for tensor in tensors.values()):
         raise InputError(f"weights file {path} holds numbers that are not finite")

@@ -64,8 +64,16 @@ class LocalAgent:
         self._update_interval = update_interval
         self._begin_chase(index)
 
+    chase: int
+    """Number of the chase it is in."""
+    state: State
+    streams: ChaseStreams
+    """The chase's own random numbers for sampling actions."""
+    reward_m: tuple[float, float, float, float]
+    """Sums of R^d, R^x, R^y, R^z over the chase so far."""
+
     def compute_gradient(self) -> int:
-        """Play up to T movements and leave the gradient of their losses in ``local.gradient``; returns the movements made."""
+        """Play up to T movements and leave their losses' gradient in ``local.gradient``; returns the movements made."""
         rollout, self.state = collect(
             self._environment, self.local.networks, self.state, self.streams, self._update_interval
         )

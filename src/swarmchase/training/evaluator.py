@@ -1,4 +1,4 @@
-"""The auxiliary agent: assesses intermediate training outcomes on fixed chases, keeps the best weights and says when to stop."""
+"""The auxiliary agent: evaluates on fixed chases while training goes on, keeps the best weights, says when to stop."""
 
 from dataclasses import dataclass
 from pathlib import Path

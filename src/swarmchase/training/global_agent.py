@@ -31,7 +31,7 @@ class SharedParameters:
     def shared(self) -> "SharedParameters":
         """The same tensors, moved to shared memory."""
         for tensor in (self.vector, self.first_moment, self.second_moment, self.updates):
-            tensor.share_memory_()
+            tensor.share_memory_()  # type: ignore[no-untyped-call]
         return self
 
 

@@ -1,4 +1,4 @@
-"""What a training run leaves in its folder: a resume file, the log of its chases and evaluations, TensorBoard events."""
+"""What a training run leaves in its folder: a resume file, a log of chases and evaluations, TensorBoard events."""
 
 import dataclasses
 import json
@@ -73,7 +73,8 @@ class RunFolder:
         for name, value in self._identity.items():
             if document.get(name) != json.loads(json.dumps(value)):
                 raise InputError(
-                    f"resume file {path} belongs to a run with another {name}; choose another folder or give the same options"
+                    f"resume file {path} belongs to a run with another {name}: "
+                    "choose another folder or give the same options"
                 )
         try:
             parameters = SharedParameters(
@@ -156,4 +157,4 @@ def _tensorboard(folder: Path) -> Any:
         from torch.utils.tensorboard import SummaryWriter
     except ModuleNotFoundError:
         return None
-    return SummaryWriter(str(folder / "tensorboard"))  # type: ignore[no-untyped-call]
+    return SummaryWriter(str(folder / "tensorboard"))

@@ -81,5 +81,5 @@ def a3c_preset(name: str) -> A3CSettings:
 
 
 def training_seed(seed: int) -> int:
-    """The seed of a training's chases: far from any that a person types, so evaluation never meets a chase of the training."""
+    """The seed of a training's chases, far from any that a person types: an evaluation never meets them."""
     return (1 << 62) + seed

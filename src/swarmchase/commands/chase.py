@@ -1,0 +1,81 @@
+"""``swarmchase chase``: one chase, told movement by movement."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from ..chase_log import Moment, chase_log, run_chase, save_chase_log
+from ..controllers import ActionChoice, load_controller
+from ..errors import InputError
+from ..figures import draw_chase
+from ..files import require_writable_folder
+from .options import ScenarioOptions
+from .terminal import CONSOLE, print_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChaseCommand(ScenarioOptions):
+    """Run one chase and tell it movement by movement; leave a log and a picture of it."""
+
+    controller: str = "paper"
+    """paper, random, oracle, another controller that comes with the package, or the path of a weights file."""
+    action_choice: ActionChoice | None = None
+    """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
+    seed: int = 0
+    """Seed of the run the chase belongs to."""
+    chase: int = 0
+    """Number of the chase in its run."""
+    folder: Path = Path("chase-output")
+    """Folder for chase.json (the log) and chase.png (the picture)."""
+    json: bool = False
+    """Print the log's summary as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Chase, tell, log and draw."""
+        if self.seed < 0 or self.chase < 0:
+            raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
+        require_writable_folder(self.folder)
+        scenario = self.scenario()
+        controller = load_controller(self.controller, scenario, self.action_choice)
+        CONSOLE.print(
+            f"The target is {scenario.start_distance_m:g} m away in an unknown direction. Six trackers listen: "
+            f"{scenario.window_samples} samples at {scenario.sampling_hz:g} Hz before each movement.\n"
+        )
+        moments: list[Moment] = []
+        for moment in run_chase(scenario, controller, self.seed, self.chase):
+            moments.append(moment)
+            CONSOLE.print(_line(moment), soft_wrap=True)
+        log = chase_log(scenario, controller, self.seed, self.chase, moments)
+        save_chase_log(self.folder / "chase.json", log)
+        draw_chase(log, self.folder / "chase.png")
+        CONSOLE.print()
+        CONSOLE.print(_summary(log))
+        CONSOLE.print(f"Log: {self.folder / 'chase.json'}   Picture: {self.folder / 'chase.png'}")
+        if self.json:
+            print_json({name: value for name, value in log.items() if name != "moments"})
+
+
+def _line(moment: Moment) -> str:
+    strongest_dbm = max(sum(trace) / len(trace) for trace in zip(*moment.rssi_dbm, strict=True))
+    step = (
+        "start" if moment.movement == 0 else "(" + ", ".join(f"{metres:+.0f}" for metres in moment.displacement_m) + ")"
+    )
+    center = "(" + ", ".join(f"{coordinate:+4.0f}" for coordinate in moment.center_m) + ")"
+    return (
+        f"{moment.movement:4d} {step:>12} m  centre {center} m  spacing {moment.spacing_m:g} m  "
+        f"strongest {strongest_dbm:6.1f} dBm  target {moment.distance_m:5.1f} m away"
+        + ("  reached" if moment.reached else "")
+    )
+
+
+def _summary(log: dict[str, Any]) -> Table:
+    table = Table(show_header=False)
+    table.add_row("Ending", "target reached" if log["reached"] else "target not reached")
+    table.add_row("Movements", f"{log['movements']}")
+    table.add_row("Final distance", f"{log['final_distance_m']:.2f} m")
+    table.add_row("Path flown", f"{log['path_length_m']:.0f} m")
+    for speed, seconds in log["tracking_time_s"].items():
+        table.add_row(f"Tracking time at {speed} m/s", f"{seconds:.0f} s")
+    return table

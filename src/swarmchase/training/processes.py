@@ -1,0 +1,225 @@
+"""A3C's asynchronous schedule: each local agent and the auxiliary agent a process, looked after by the global agent.
+
+Processes are spawned, never forked. One that dies ends the run with its traceback or its exit code.
+"""
+
+import contextlib
+import signal
+import time
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ..scenario import Scenario
+from .agent import AgentSnapshot, FinishedChase
+from .evaluator import Evaluation, Evaluator
+from .global_agent import SharedParameters
+from .run import TrainingRun
+from .settings import A3CSettings
+from .worker import make_global_agent, make_local_agent, work_once
+
+POLL_S = 0.1
+"""How often the global agent looks at its mail and at its agents' health."""
+STOP_LIMIT_S = 60.0
+"""An agent that has not stopped after this long is ended by force; only an evaluation may take so long."""
+
+
+class WorkerDiedError(RuntimeError):
+    """A local or auxiliary agent ended unexpectedly; the message holds its traceback or its exit code."""
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """How the processes talk: one lock, one mailbox to the global agent, and flags in shared memory."""
+
+    lock: Any
+    mailbox: Any
+    stop: Any
+    checkpoints_asked: torch.Tensor
+    environment_steps: torch.Tensor
+    """Movements made by each local agent in this session."""
+
+
+@dataclass(frozen=True)
+class _EvaluationMail:
+    evaluation: Evaluation
+    best: Evaluation | None
+    meets_criterion: bool
+
+
+@dataclass(frozen=True)
+class _SnapshotMail:
+    index: int
+    asked: int
+    snapshot: AgentSnapshot
+
+
+@dataclass(frozen=True)
+class _ErrorMail:
+    who: str
+    text: str
+
+
+def run_processes(run: TrainingRun) -> None:
+    """Train until the run ends.
+
+    Raises:
+        WorkerDiedError: an agent ended unexpectedly.
+    """
+    settings = run.settings
+    context: Any = torch.multiprocessing.get_context("spawn")
+    channels = _Channels(
+        lock=context.Lock(),
+        mailbox=context.SimpleQueue(),
+        stop=context.Event(),
+        checkpoints_asked=_shared_zeros(1),
+        environment_steps=_shared_zeros(settings.num_agents),
+    )
+    arguments = (run.scenario, settings, run.shared, channels)
+    starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
+    processes = {
+        f"local agent {index}": context.Process(
+            target=_local_agent_process, args=(*arguments, index, starts[index]), daemon=True
+        )
+        for index in range(settings.num_agents)
+    }
+    processes["auxiliary agent"] = context.Process(
+        target=_auxiliary_agent_process, args=(*arguments, run.folder.folder, run.best), daemon=True
+    )
+    for process in processes.values():
+        process.start()
+    try:
+        _supervise(run, channels, processes)
+    finally:
+        for process in processes.values():
+            if process.is_alive():
+                process.terminate()
+        for process in processes.values():
+            process.join()
+
+
+def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any]) -> None:
+    """Read the mail, look after the agents, take checkpoints, and bring the run to its end."""
+    global_agent = make_global_agent(run.settings, run.shared, channels.lock)
+    steps_before = run.environment_steps
+    snapshots: dict[int, AgentSnapshot] = {}
+    next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
+    stop_by_s: float | None = None
+    while any(process.is_alive() for process in processes.values()) or not channels.mailbox.empty():
+        while not channels.mailbox.empty():
+            mail = channels.mailbox.get()
+            if isinstance(mail, FinishedChase):
+                run.chase_ended(mail)
+            elif isinstance(mail, _EvaluationMail):
+                run.evaluated(mail.evaluation, mail.best, mail.meets_criterion)
+            elif isinstance(mail, _SnapshotMail):
+                if mail.asked == int(channels.checkpoints_asked):
+                    snapshots[mail.index] = mail.snapshot
+            else:
+                raise WorkerDiedError(f"{mail.who} ended with an error:\n{mail.text}")
+        _require_health(processes)
+        run.environment_steps = steps_before + int(channels.environment_steps.sum())
+        if len(snapshots) == run.settings.num_agents:
+            run.checkpoint(global_agent.snapshot(), [snapshots[index] for index in range(run.settings.num_agents)])
+            snapshots = {}
+        if global_agent.updates >= next_checkpoint and stop_by_s is None:
+            next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
+            snapshots = {}
+            channels.checkpoints_asked.add_(1)
+        if stop_by_s is None and (run.stopped is not None or global_agent.finished):
+            # The agents' last snapshots come with their leave, under a number of their own.
+            snapshots = {}
+            channels.checkpoints_asked.add_(1)
+            channels.stop.set()
+            stop_by_s = time.monotonic() + STOP_LIMIT_S
+        if stop_by_s is not None and time.monotonic() > stop_by_s:
+            break
+        run.show()
+        time.sleep(POLL_S)
+    if len(snapshots) == run.settings.num_agents:
+        run.checkpoint(global_agent.snapshot(), [snapshots[index] for index in range(run.settings.num_agents)])
+    run.show()
+
+
+def _require_health(processes: dict[str, Any]) -> None:
+    for who, process in processes.items():
+        if process.exitcode not in (None, 0):
+            raise WorkerDiedError(
+                f"{who} ended with exit code {process.exitcode}" + (" (killed)" if process.exitcode < 0 else "")
+            )
+
+
+def _shared_zeros(length: int) -> torch.Tensor:
+    zeros = torch.zeros(length, dtype=torch.int64)
+    zeros.share_memory_()  # type: ignore[no-untyped-call]
+    return zeros
+
+
+def _next_multiple(updates: int, interval: int) -> int:
+    return (updates // interval + 1) * interval
+
+
+@contextlib.contextmanager
+def _worker(channels: _Channels, who: str) -> Iterator[None]:
+    """One thread, Ctrl-C left to the global agent, and no silent death."""
+    torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    except BaseException:
+        channels.mailbox.put(_ErrorMail(who, traceback.format_exc()))
+        raise
+
+
+def _local_agent_process(
+    scenario: Scenario,
+    settings: A3CSettings,
+    shared: SharedParameters,
+    channels: _Channels,
+    index: int,
+    start: AgentSnapshot | None,
+) -> None:
+    with _worker(channels, f"local agent {index}"):
+        global_agent = make_global_agent(settings, shared, channels.lock)
+        agent = make_local_agent(scenario, settings, index)
+        if start is not None:
+            agent.restore(start)
+        answered = 0
+        while not channels.stop.is_set():
+            if global_agent.finished:
+                channels.stop.wait()
+                break
+            channels.environment_steps[index].add_(work_once(agent, global_agent))
+            finished = agent.finished_chase(global_agent.updates)
+            if finished is not None:
+                channels.mailbox.put(finished)
+            asked = int(channels.checkpoints_asked)
+            if asked > answered and not channels.stop.is_set():
+                answered = asked
+                channels.mailbox.put(_SnapshotMail(index, asked, agent.snapshot()))
+        channels.mailbox.put(_SnapshotMail(index, int(channels.checkpoints_asked), agent.snapshot()))
+
+
+def _auxiliary_agent_process(
+    scenario: Scenario,
+    settings: A3CSettings,
+    shared: SharedParameters,
+    channels: _Channels,
+    folder: Path,
+    best: Evaluation | None,
+) -> None:
+    with _worker(channels, "auxiliary agent"):
+        global_agent = make_global_agent(settings, shared, channels.lock)
+        evaluator = Evaluator(scenario, settings, folder, best)
+        next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
+        while not channels.stop.is_set():
+            if global_agent.updates < next_evaluation:
+                channels.stop.wait(POLL_S)
+                continue
+            next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
+            evaluation = evaluator.evaluate(global_agent.snapshot())
+            channels.mailbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))
