@@ -35,7 +35,7 @@ class A3CSettings:
     """Seed of the training's chases, initial weights and actions."""
     evaluation_interval: int = 5_000
     """Updates between two evaluations by the auxiliary agent."""
-    evaluation_chases: int = 100
+    evaluation_chases: int = 200
     """Fixed chases of such an evaluation."""
     stop_at_p90: float | None = None
     """Training stops when the 90th percentile of movements in an evaluation is at most this; None never stops it."""
