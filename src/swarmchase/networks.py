@@ -73,10 +73,15 @@ class ActorCritic(nn.Module):
         self, rssi_dbm: Float[Tensor, "chase sample 6"]
     ) -> tuple[Float[Tensor, "chase 5"], Float[Tensor, "chase"]]:
         """Policy logits and value in metres."""
+        features = self.features(rssi_dbm)
+        return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
+
+    def features(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 128"]:
+        """What both heads see: the last hidden state after the two linear layers."""
         scaled = nn.functional.linear(rssi_dbm, self.input_weight, self.input_bias)
         hidden, _ = self.lstm(scaled)
-        features = self.linear(hidden[:, -1])
-        return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
+        features: Tensor = self.linear(hidden[:, -1])
+        return features
 
 
 class SwarmNetworks(nn.Module):
@@ -98,6 +103,11 @@ class SwarmNetworks(nn.Module):
         """Policy logits and values in metres of the four networks, in the order d, x, y, z."""
         logits, values = zip(*(network(rssi_dbm) for network in self.by_name.values()), strict=True)
         return torch.stack(logits, dim=1), torch.stack(values, dim=1)
+
+    def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
+        """The policies alone, for acting."""
+        networks = (network for network in self.by_name.values() if isinstance(network, ActorCritic))
+        return torch.stack([network.policy_head(network.features(rssi_dbm)) for network in networks], dim=1)
 
 
 def initialise(networks: SwarmNetworks, generator: torch.Generator) -> None:

@@ -86,6 +86,5 @@ class LearnedController:
         if num_chases < SMALLEST_BATCH:
             window_dbm = torch.cat([window_dbm, window_dbm[:1].expand(SMALLEST_BATCH - num_chases, -1, -1)])
         with torch.inference_mode():
-            logits, _ = self._networks(window_dbm.contiguous())
-        chosen: torch.Tensor = logits[:num_chases]
-        return chosen.clone()
+            logits = self._networks.policy_logits(window_dbm.contiguous())
+        return logits[:num_chases].clone()

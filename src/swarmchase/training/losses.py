@@ -81,7 +81,10 @@ def rollout_loss(networks: SwarmNetworks, rollout: Rollout, settings: LossSettin
     logits = logits.view(num_windows, num_chases, *logits.shape[1:])
     value = value.view(num_windows, num_chases, -1)
     ended = rollout.reached if settings.bootstrap_at_truncation else rollout.reached | rollout.truncated
-    bootstrap_value = value[-1].detach() * ~ended[:, None]
+    # V of the window after each chase's own last step: one cut off early moves along unseen until the rollout ends.
+    last_window = rollout.valid.sum(dim=0)
+    last_value = value[last_window, torch.arange(num_chases, device=value.device)]
+    bootstrap_value = last_value.detach() * ~ended[:, None]
     return actor_critic_loss(
         logits[:-1], value[:-1], rollout.choice, rollout.reward_m, rollout.valid, bootstrap_value, settings
     )

@@ -4,7 +4,11 @@ Processes are spawned, never forked. One that dies ends the run with its traceba
 """
 
 import contextlib
+import math
+import multiprocessing
+import os
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Iterator
@@ -90,8 +94,9 @@ def run_processes(run: TrainingRun) -> None:
     processes["auxiliary agent"] = context.Process(
         target=_auxiliary_agent_process, args=(*arguments, run.folder.folder, run.best), daemon=True
     )
-    for process in processes.values():
-        process.start()
+    with _ctrl_c_held_back():
+        for process in processes.values():
+            process.start()
     try:
         _supervise(run, channels, processes)
     finally:
@@ -102,14 +107,42 @@ def run_processes(run: TrainingRun) -> None:
             process.join()
 
 
+@contextlib.contextmanager
+def _ctrl_c_held_back() -> Iterator[None]:
+    """Ctrl-C reaches a terminal's whole process group: processes started here never see it, this one sees it later."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@dataclass(frozen=True)
+class _WatchedLock:
+    """The lock as the global agent takes it: an agent killed while it held it must not hold up the run for ever."""
+
+    lock: Any
+    processes: dict[str, Any]
+
+    def __enter__(self) -> None:
+        while not self.lock.acquire(timeout=POLL_S):
+            _require_health(self.processes)
+
+    def __exit__(self, *_: object) -> None:
+        self.lock.release()
+
+
 def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any]) -> None:
     """Read the mail, look after the agents, take checkpoints, and bring the run to its end."""
-    global_agent = make_global_agent(run.settings, run.shared, channels.lock)
+    global_agent = make_global_agent(run.settings, run.shared, _WatchedLock(channels.lock, processes))
     steps_before = run.environment_steps
     snapshots: dict[int, AgentSnapshot] = {}
     next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
-    stop_by_s: float | None = None
+    stopping = leave_is_saved = False
+    stop_by_s = math.inf
     while any(process.is_alive() for process in processes.values()) or not channels.mailbox.empty():
+        # Before the mail: an agent that died of an error has written it by then, and its traceback says more.
+        casualty = _casualty(processes)
         while not channels.mailbox.empty():
             mail = channels.mailbox.get()
             if isinstance(mail, FinishedChase):
@@ -121,36 +154,47 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
                     snapshots[mail.index] = mail.snapshot
             else:
                 raise WorkerDiedError(f"{mail.who} ended with an error:\n{mail.text}")
-        _require_health(processes)
+        if casualty is not None:
+            raise WorkerDiedError(casualty)
         run.environment_steps = steps_before + int(channels.environment_steps.sum())
-        if len(snapshots) == run.settings.num_agents:
+        if len(snapshots) == run.settings.num_agents and not leave_is_saved:
             run.checkpoint(global_agent.snapshot(), [snapshots[index] for index in range(run.settings.num_agents)])
-            snapshots = {}
-        if global_agent.updates >= next_checkpoint and stop_by_s is None:
+            leave_is_saved = stopping
+            snapshots = snapshots if stopping else {}
+        if global_agent.updates >= next_checkpoint and not stopping:
             next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
             snapshots = {}
             channels.checkpoints_asked.add_(1)
-        if stop_by_s is None and (run.stopped is not None or global_agent.finished):
+        if not stopping and (run.stopped is not None or global_agent.finished):
             # The agents' last snapshots come with their leave, under a number of their own.
             snapshots = {}
             channels.checkpoints_asked.add_(1)
             channels.stop.set()
-            stop_by_s = time.monotonic() + STOP_LIMIT_S
-        if stop_by_s is not None and time.monotonic() > stop_by_s:
+            stopping = True
+        if run.stopped is not None:
+            # A run that has made all of its updates waits for its last evaluation, unless it is interrupted.
+            stop_by_s = min(stop_by_s, time.monotonic() + STOP_LIMIT_S)
+        if time.monotonic() > stop_by_s:
             break
         run.show()
         time.sleep(POLL_S)
+    _require_health(processes)
     if len(snapshots) == run.settings.num_agents:
         run.checkpoint(global_agent.snapshot(), [snapshots[index] for index in range(run.settings.num_agents)])
     run.show()
 
 
 def _require_health(processes: dict[str, Any]) -> None:
+    casualty = _casualty(processes)
+    if casualty is not None:
+        raise WorkerDiedError(casualty)
+
+
+def _casualty(processes: dict[str, Any]) -> str | None:
     for who, process in processes.items():
         if process.exitcode not in (None, 0):
-            raise WorkerDiedError(
-                f"{who} ended with exit code {process.exitcode}" + (" (killed)" if process.exitcode < 0 else "")
-            )
+            return f"{who} ended with exit code {process.exitcode}" + (" (killed)" if process.exitcode < 0 else "")
+    return None
 
 
 def _shared_zeros(length: int) -> torch.Tensor:
@@ -165,14 +209,21 @@ def _next_multiple(updates: int, interval: int) -> int:
 
 @contextlib.contextmanager
 def _worker(channels: _Channels, who: str) -> Iterator[None]:
-    """One thread, Ctrl-C left to the global agent, and no silent death."""
+    """One thread, no silent death, and none left behind when the global agent is killed."""
     torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
         yield
     except BaseException:
         channels.mailbox.put(_ErrorMail(who, traceback.format_exc()))
         raise
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _local_agent_process(
@@ -216,10 +267,13 @@ def _auxiliary_agent_process(
         global_agent = make_global_agent(settings, shared, channels.lock)
         evaluator = Evaluator(scenario, settings, folder, best)
         next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
-        while not channels.stop.is_set():
+        while True:
             if global_agent.updates < next_evaluation:
-                channels.stop.wait(POLL_S)
+                if channels.stop.wait(POLL_S):
+                    break
                 continue
+            if channels.stop.is_set() and not global_agent.finished:
+                break
             next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
             evaluation = evaluator.evaluate(global_agent.snapshot())
             channels.mailbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))

@@ -62,5 +62,5 @@ def collect(
 
 def _policy_choice(networks: SwarmNetworks, state: State, streams: ChaseStreams) -> Int[Tensor, "chase 4"]:
     with torch.no_grad():
-        logits, _ = networks(state.rssi_dbm.contiguous())
+        logits = networks.policy_logits(state.rssi_dbm.contiguous())
     return sampled_choice(logits, streams.uniform(len(NETWORK_NAMES)).to(logits.device))
