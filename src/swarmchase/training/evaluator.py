@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from ..chases import nearest_rank_percentile, run_chases
 from ..controllers.learned import LearnedController
 from ..controllers.weights import save_weights
@@ -14,6 +16,8 @@ from .parameters import FlatNetworks
 from .settings import A3CSettings, training_seed
 
 BEST_WEIGHTS = "best.safetensors"
+LAST_WEIGHTS = "last.safetensors"
+"""Written in place of the best ones by a run that ended before its first evaluation."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Evaluation:
         return self.movements_p90, self.movements_mean
 
 
+def weights_configuration(scenario: Scenario, settings: A3CSettings, update: int) -> dict[str, Any]:
+    """What a weights file says of its making."""
+    return {"method": "a3c", "scenario": scenario.to_dict(), "settings": settings.to_dict(), "update": update}
+
+
 class Evaluator:
     """Evaluates snapshots of the global parameters with sampled actions."""
 
@@ -42,7 +51,7 @@ class Evaluator:
         self.best = best
 
     def evaluate(self, snapshot: SharedParameters) -> Evaluation:
-        """Run the fixed chases; write the weights to the run's folder where they are the best so far."""
+        """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
         self._flat.vector.copy_(snapshot.vector)
         controller = LearnedController(self._scenario, self._flat.networks, "in training")
         # The chases are fixed and of a seed of their own: neither the training's nor one that a person types.
@@ -57,17 +66,9 @@ class Evaluator:
         )
         if self.best is None or evaluation.order < self.best.order:
             self.best = evaluation
-            save_weights(self._folder / BEST_WEIGHTS, self._flat.networks, self.configuration(evaluation))
+            configuration = weights_configuration(self._scenario, self._settings, evaluation.update)
+            save_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
         return evaluation
-
-    def configuration(self, evaluation: Evaluation) -> dict[str, Any]:
-        """What a weights file says of its making."""
-        return {
-            "method": "a3c",
-            "scenario": self._scenario.to_dict(),
-            "settings": self._settings.to_dict(),
-            "update": evaluation.update,
-        }
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:
         """Whether training may stop early."""

@@ -5,10 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..controllers.weights import save_weights
+from ..networks import SwarmNetworks
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
-from .evaluator import BEST_WEIGHTS, Evaluation
+from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, weights_configuration
 from .global_agent import SharedParameters
+from .parameters import FlatNetworks
 from .run_folder import ResumePoint, RunFolder, TrainingLog
 from .settings import A3CSettings
 
@@ -121,5 +124,12 @@ class TrainingRun:
             self.seconds,
             self.best,
             self.stopped or "finished",
-            self.folder.folder / BEST_WEIGHTS,
+            self.folder.folder / BEST_WEIGHTS if self.best is not None else self._last_weights(),
         )
+
+    def _last_weights(self) -> Path:
+        flat = FlatNetworks(SwarmNetworks())
+        flat.vector.copy_(self.shared.vector)
+        path = self.folder.folder / LAST_WEIGHTS
+        save_weights(path, flat.networks, weights_configuration(self.scenario, self.settings, int(self.shared.updates)))
+        return path

@@ -1,8 +1,9 @@
 """What a training run leaves in its folder: a resume file, a log of chases and evaluations, TensorBoard events."""
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,17 +121,31 @@ class TrainingLog:
         self.flush()
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
-        self._file.flush()
+        """Hand everything written so far to the operating system.
+
+        Raises:
+            InputError: the disk is full.
+        """
+        with self._full_disk_refused():
+            self._file.flush()
 
     def close(self) -> None:
         """End the log."""
-        self._file.close()
+        with self._full_disk_refused():
+            self._file.close()
         if self._board is not None:
             self._board.close()
 
     def _write(self, line: dict[str, Any]) -> None:
-        self._file.write(json.dumps(line) + "\n")
+        with self._full_disk_refused():
+            self._file.write(json.dumps(line) + "\n")
+
+    @contextlib.contextmanager
+    def _full_disk_refused(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise InputError(f"cannot write {self._path}: {error.strerror or error}") from error
 
     def _plot(self, group: str, numbers: dict[str, float], update: int) -> None:
         if self._board is not None:
@@ -140,8 +155,11 @@ class TrainingLog:
     def _forget_after(self, update: int) -> None:
         """Drop what an interrupted run logged after its last checkpoint: it will be made again."""
         if self._path.exists():
-            lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
-            kept = [line for line in lines if line.endswith("\n") and json.loads(line)["update"] <= update]
+            try:
+                lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
+                kept = [line for line in lines if line.endswith("\n") and json.loads(line)["update"] <= update]
+            except (OSError, ValueError, LookupError, TypeError) as error:
+                raise InputError(f"training log {self._path} is damaged: move it away ({error})") from error
             write_text_atomically(self._path, "".join(kept))
 
 

@@ -1,6 +1,7 @@
 """What defines an A3C run, and the named presets."""
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -9,6 +10,10 @@ from .losses import LossSettings
 
 Schedule = Literal["processes", "deterministic"]
 """Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
+
+
+MOST_UPDATES = 2**24
+"""Adam counts its updates in float32, which is exact up to here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +58,12 @@ class A3CSettings:
         ):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is at least 1")
-        if not self.learning_rate > 0:
+        if self.max_updates > MOST_UPDATES:
+            raise InputError(f"max_updates = {self.max_updates} is refused: allowed is at most {MOST_UPDATES}")
+        if not 0 < self.learning_rate < math.inf:
             raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
+        if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
+            raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is refused: allowed is at least 0")
 
