@@ -74,8 +74,9 @@ class A3CSettings:
 
 PRESETS: dict[str, A3CSettings] = {
     "paper": A3CSettings(),
+    "fast": A3CSettings(learning_rate=1e-4, final_learning_rate=1e-5, max_updates=50_000),
 }
-"""``paper`` is Table I exactly."""
+"""``paper`` is Table I exactly; ``fast`` differs in the learning rate alone, which begins at ten times the paper's."""
 
 
 def a3c_preset(name: str) -> A3CSettings:
