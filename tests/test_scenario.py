@@ -79,7 +79,7 @@ def test_a_window_lasts_its_samples_over_the_frequency(sampling_hz: float, windo
         ("spatial_correlation", -0.1, "between 0 and 1"),
         ("spatial_correlation", 1.1, "between 0 and 1"),
         ("rician_k", -1e-9, "at least 0"),
-        ("doppler_spread_hz", -1, "at least 0"),
+        ("doppler_spread_hz", -1, "between 0 and 1000"),
         ("transmit_power_dbm", float("-inf"), "a finite number"),
         ("path_loss_exponent", 0, "greater than 0"),
         ("reference_distance_m", 0, "greater than 0"),

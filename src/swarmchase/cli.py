@@ -1,14 +1,17 @@
 """The command line: ``swarmchase chase | evaluate | train a3c | benchmark ...``.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
-``--help`` of them. Bad input ends in one line on standard error and exit code 2.
+``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
+code 2.
 """
 
+import contextlib
+import io
+import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
-import torch
 import tyro
 
 from .commands.benchmark import BenchmarkChannelCommand, BenchmarkEnvironmentCommand, BenchmarkTrainingCommand
@@ -23,6 +26,7 @@ DESCRIPTION = """Chase an unauthorised UAV with a swarm of six trackers that hea
 Begin with: swarmchase chase"""
 
 
+@runtime_checkable
 class Command(Protocol):
     """One parsed command."""
 
@@ -42,21 +46,56 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and exit: 0 when it went well, 2 on bad input, 130 on Ctrl-C, 1 on any other failure."""
-    words = _joined(list(sys.argv[1:] if arguments is None else arguments))
-    command = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="swarmchase", description=DESCRIPTION, args=words)
-    # One thread a process is the fastest for batches of this size; commands that use more cores start processes.
-    torch.set_num_threads(1)
     try:
+        command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
+        _use_one_thread()
         command.run()
     except InputError as error:
-        CONSOLE.print(f"swarmchase: {error}", style="bold red", markup=False, soft_wrap=True)
+        line = " ".join(str(error).splitlines())
+        CONSOLE.print(f"swarmchase: {line}", style="bold red", markup=False, soft_wrap=True)
         sys.exit(2)
     except KeyboardInterrupt:
         CONSOLE.print("swarmchase: interrupted")
         sys.exit(130)
 
 
-def _joined(words: list[str]) -> list[str]:
-    """``train a3c`` and its like are two words to a person and one command to the parser."""
+def _parsed(words: list[str]) -> Command:
+    """The command these words ask for.
+
+    Raises:
+        InputError: an unknown command or option, a value that cannot be read, or an option that is missing.
+        SystemExit: ``--help``, which has been printed.
+    """
+    # ``train a3c`` and its like are two words to a person and one command to the parser.
     pair = " ".join(words[:2])
-    return [pair, *words[2:]] if pair in COMMANDS else words
+    words = [pair, *words[2:]] if pair in COMMANDS else words
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        raise InputError(f"no command {words[0]!r}; there are {', '.join(COMMANDS)}; see: swarmchase --help")
+    refusal = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(refusal):
+            parsed: Any = tyro.extras.subcommand_cli_from_dict(
+                COMMANDS, prog="swarmchase", description=DESCRIPTION, args=words
+            )
+    except SystemExit as error:
+        if not error.code:
+            raise
+        command = f"{words[0]} " if words and words[0] in COMMANDS else ""
+        raise InputError(f"{_one_line(refusal.getvalue())}; see: swarmchase {command}--help") from None
+    command_object: Command = parsed
+    return command_object
+
+
+def _one_line(refusal: str) -> str:
+    """What tyro refuses and why: it prints a title, this, and where to find help, in a box and between ruled lines."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", refusal)
+    sections = re.split(r"^[│ ]*(?:[╭╰].*|[-─]{3,})[│ ]*$", plain, flags=re.MULTILINE)
+    statement = sections[1 if len(sections) > 1 else 0].replace("│", " ").split("Got errors:")[0]
+    return " ".join(statement.split()).rstrip(".:;")
+
+
+def _use_one_thread() -> None:
+    """The fastest for batches of this size; commands that use more cores start processes."""
+    import torch
+
+    torch.set_num_threads(1)

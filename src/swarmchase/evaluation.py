@@ -1,22 +1,24 @@
 """A controller over N chases: one table on disk, one row a chase, and its summary with confidence intervals.
 
-The chases are split into blocks over processes; a chase is a function of its key alone, so the table is the same for
-any batch size and any number of processes.
+The chases are shared out to processes; a chase is a function of its key alone, so the table is the same for any batch
+size and any number of processes.
 """
 
+import contextlib
 import dataclasses
 import json
 import math
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import binom
+from numpy.typing import NDArray
 
 from . import __version__
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
@@ -27,9 +29,15 @@ from .scenario import Scenario
 
 SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
-BLOCK_CHASES = 500
-"""Chases a process takes at a time."""
+SHARE_CHASES = 500
+"""A further process is started for every so many chases: for fewer it would cost more time than it saves."""
 CONFIDENCE = 0.95
+NORMAL_QUANTILE = 1.959964
+"""Of (1 + CONFIDENCE) / 2."""
+
+
+class ProcessDiedError(RuntimeError):
+    """A process of an evaluation ended before its chases did."""
 
 
 def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
@@ -104,8 +112,13 @@ class Evaluation:
         ]
 
 
-def percentile_interval(values: "np.ndarray[Any, Any]", percent: float) -> list[float]:
-    """A 95 % confidence interval of a percentile from order statistics: binomial, whatever the distribution."""
+def percentile_interval(values: NDArray[Any], percent: float | int) -> list[float]:
+    """A 95 % confidence interval of a percentile from order statistics: binomial, whatever the distribution.
+
+    It never leaves the range of the values, so of a few values it covers the percentile less often.
+    """
+    from scipy.stats import binom
+
     ordered = np.sort(values)
     share = (1 - CONFIDENCE) / 2
     low = int(binom.ppf(share, len(ordered), percent / 100))
@@ -113,9 +126,11 @@ def percentile_interval(values: "np.ndarray[Any, Any]", percent: float) -> list[
     return [float(ordered[max(0, low - 1)]), float(ordered[min(len(ordered) - 1, high - 1)])]
 
 
-def mean_interval(values: "np.ndarray[Any, Any]") -> list[float]:
-    """A 95 % confidence interval of the mean, normal approximation."""
-    half_width = 1.96 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.inf
+def mean_interval(values: NDArray[Any]) -> list[float] | None:
+    """A 95 % confidence interval of the mean, normal approximation; None for one value, which has no spread."""
+    if len(values) < 2:
+        return None
+    half_width = NORMAL_QUANTILE * float(values.std(ddof=1)) / math.sqrt(len(values))
     return [float(values.mean()) - half_width, float(values.mean()) + half_width]
 
 
@@ -136,6 +151,7 @@ def evaluate(
 
     Raises:
         InputError: no episodes, no batch, an unknown controller or a broken weights file.
+        ProcessDiedError: a process was killed, or failed with the error it printed.
     """
     for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
         if value < 1:
@@ -143,20 +159,18 @@ def evaluate(
     if seed < 0:
         raise InputError(f"seed = {seed} is refused: allowed is at least 0")
     load_controller(controller, scenario, action_choice)
-    block = _Block(scenario, controller, action_choice, seed, batch_size)
-    firsts = range(0, episodes, BLOCK_CHASES)
-    blocks = [range(first, min(first + BLOCK_CHASES, episodes)) for first in firsts]
+    work = _Work(scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)
     report(0)
-    for results in _run_blocks(block, blocks, min(processes, len(blocks))):
-        chases.extend(results)
+    for result in _run(work, episodes, min(processes, math.ceil(episodes / SHARE_CHASES))):
+        chases.append(result)
         report(len(chases))
     return Evaluation(scenario, controller, action_choice, seed, sorted(chases, key=lambda chase: chase.chase))
 
 
 @dataclass(frozen=True)
-class _Block:
+class _Work:
     """What a process needs to run chases; small enough to send."""
 
     scenario: Scenario
@@ -170,22 +184,70 @@ class _Block:
         return run_chases(self.scenario, controller, self.seed, chases, self.batch_size)
 
 
-def _run_blocks(block: _Block, blocks: Sequence[range], processes: int) -> Iterator[list[ChaseResult]]:
-    """The results of all chases, some at a time, in whatever order they end."""
+def _run(work: _Work, episodes: int, processes: int) -> Iterator[ChaseResult]:
+    """The results of all chases, in whatever order they end."""
     if processes == 1:
-        for chases in blocks:
-            for result in block.run(chases):
-                yield [result]
+        yield from work.run(range(episodes))
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        futures = [pool.submit(_run_block, block, chases) for chases in blocks]
+    running: dict[connection.Connection, multiprocessing.process.BaseProcess] = {}
+    try:
+        with _interrupts_blocked():
+            for number in range(processes):
+                share = range(number * episodes // processes, (number + 1) * episodes // processes)
+                receiver, sender = context.Pipe(duplex=False)
+                process = context.Process(target=_run_share, args=(work, share, sender), daemon=True)
+                process.start()
+                sender.close()
+                running[receiver] = process
+        yield from _received(dict(running))
+    finally:
+        for one in running.values():
+            one.terminate()
+        for one in running.values():
+            one.join()
+
+
+def _received(running: "dict[connection.Connection, multiprocessing.process.BaseProcess]") -> Iterator[ChaseResult]:
+    """What the processes send until each has ended well; a process that dies closes its pipe."""
+    while running:
+        for receiver in connection.wait(list(running)):
+            assert isinstance(receiver, connection.Connection)
+            try:
+                message = receiver.recv()
+            except (EOFError, OSError):
+                process = running.pop(receiver)
+                process.join()
+                if process.exitcode != 0:
+                    raise ProcessDiedError(
+                        f"a process of the evaluation died with exit code {process.exitcode} (a negative one is the "
+                        "signal that killed it; 9 is what a machine out of memory sends)"
+                    ) from None
+                continue
+            if isinstance(message, InputError):
+                raise message
+            yield message
+
+
+def _run_share(work: _Work, chases: range, sender: connection.Connection) -> None:
+    """The whole life of a process: send every result, or why its input was refused."""
+    torch.set_num_threads(1)
+    with sender:
         try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for result in work.run(chases):
+                sender.send(result)
+        except InputError as error:
+            sender.send(error)
 
 
-def _run_block(block: _Block, chases: range) -> list[ChaseResult]:
-    return list(block.run(chases))
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started here never see Ctrl-C: it is for the one that started them, which then ends them."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -14,8 +14,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that becomes it when the block ends well, and is removed when it does not.
 
     Raises:
-        InputError: the folder cannot be made or written, or the disk is full.
+        InputError: the folder cannot be made or written, the disk is full, or ``path`` is a folder or a device.
     """
+    _require_replaceable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
@@ -41,6 +42,21 @@ def write_text_atomically(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def require_writable_file(path: Path) -> None:
+    """Prove that ``atomic_path`` can write this file, before hours of work are spent; makes nothing, no folder either.
+
+    Raises:
+        InputError: it cannot.
+    """
+    _require_replaceable(path)
+    try:
+        folder = next(folder for folder in path.absolute().parents if folder.exists())
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 def require_writable_folder(folder: Path) -> None:
     """Make the folder and prove that a file can be written there, before hours of work are spent.
 
@@ -53,3 +69,9 @@ def require_writable_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise InputError(f"cannot write to folder {folder}: {error.strerror or error}") from error
+
+
+def _require_replaceable(path: Path) -> None:
+    """A new file takes the name: that must never be the name of a folder or of a device such as /dev/full."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"cannot write {path}: it exists and is no regular file")

@@ -79,7 +79,7 @@ class Scenario:
         3.0, _Range(low=0.0), "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
     )
     doppler_spread_hz: float = _constant(
-        1.0, _Range(low=0.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
+        1.0, _Range(0.0, 1000.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
     )
     window_samples: int = _constant(
         50, _Range(low=1.0), "L", "Table I", "RSSI samples a tracker reports in one window."

@@ -1,59 +1,48 @@
 """``swarmchase benchmark channel | environment | training``: measure this machine, side by side with the peers."""
 
+import importlib
 from dataclasses import dataclass
 
 from .terminal import CONSOLE, print_json
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkChannelCommand:
+class _BenchmarkCommand:
+    json: bool = False
+    """Print one JSON object on standard output."""
+
+    def report(self, name: str) -> None:
+        """Run ``swarmchase.benchmarks.<name>`` and show what it measured."""
+        benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
+        result = benchmark.measure()
+        if self.json:
+            print_json(result)
+        else:
+            CONSOLE.print(benchmark.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkChannelCommand(_BenchmarkCommand):
     """Channel windows a second on one core, beside pyphysim and CommPy (extra: benchmark) in the same run."""
 
-    json: bool = False
-    """Print one JSON object on standard output."""
-
     def run(self) -> None:
         """Measure and report."""
-        from ..benchmarks import channel
-
-        result = channel.measure()
-        if self.json:
-            print_json(result)
-        else:
-            CONSOLE.print(channel.table(result))
+        self.report("channel")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkEnvironmentCommand:
+class BenchmarkEnvironmentCommand(_BenchmarkCommand):
     """Movements a second on one core, by batch size and through Gymnasium."""
 
-    json: bool = False
-    """Print one JSON object on standard output."""
-
     def run(self) -> None:
         """Measure and report."""
-        from ..benchmarks import environment
-
-        result = environment.measure()
-        if self.json:
-            print_json(result)
-        else:
-            CONSOLE.print(environment.table(result))
+        self.report("environment")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkTrainingCommand:
-    """Environment steps a second of the A3C trainer, by number of local agents."""
-
-    json: bool = False
-    """Print one JSON object on standard output."""
+class BenchmarkTrainingCommand(_BenchmarkCommand):
+    """Environment steps a second of the A3C trainer with one and two workers, a core each."""
 
     def run(self) -> None:
         """Measure and report."""
-        from ..benchmarks import training
-
-        result = training.measure()
-        if self.json:
-            print_json(result)
-        else:
-            CONSOLE.print(training.table(result))
+        self.report("training")

@@ -1,17 +1,14 @@
 """``swarmchase chase``: one chase, told movement by movement."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from ..chase_log import Moment, chase_log, run_chase, save_chase_log
-from ..controllers import ActionChoice, load_controller
 from ..errors import InputError
-from ..figures import draw_chase
-from ..files import require_writable_folder
-from .options import ScenarioOptions
+from ..files import require_writable_file
+from .options import ActionChoice, ScenarioOptions
 from .terminal import CONSOLE, print_json
 
 
@@ -34,39 +31,45 @@ class ChaseCommand(ScenarioOptions):
 
     def run(self) -> None:
         """Chase, tell, log and draw."""
+        from ..chase_log import Moment, chase_log, run_chase, save_chase_log
+        from ..controllers import load_controller
+        from ..figures import draw_chase
+
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
-        require_writable_folder(self.folder)
+        log_path, picture_path = self.folder / "chase.json", self.folder / "chase.png"
+        require_writable_file(log_path)
+        require_writable_file(picture_path)
         scenario = self.scenario()
         controller = load_controller(self.controller, scenario, self.action_choice)
         CONSOLE.print(
             f"The target is {scenario.start_distance_m:g} m away in an unknown direction. Six trackers listen: "
-            f"{scenario.window_samples} samples at {scenario.sampling_hz:g} Hz before each movement.\n"
+            f"{scenario.window_samples} samples at {scenario.sampling_hz:g} Hz before each movement.\n",
+            soft_wrap=True,
         )
         moments: list[Moment] = []
         for moment in run_chase(scenario, controller, self.seed, self.chase):
             moments.append(moment)
-            CONSOLE.print(_line(moment), soft_wrap=True)
+            CONSOLE.print(_line(asdict(moment)), soft_wrap=True)
         log = chase_log(scenario, controller, self.seed, self.chase, moments)
-        save_chase_log(self.folder / "chase.json", log)
-        draw_chase(log, self.folder / "chase.png")
+        save_chase_log(log_path, log)
+        draw_chase(log, picture_path)
         CONSOLE.print()
         CONSOLE.print(_summary(log))
-        CONSOLE.print(f"Log: {self.folder / 'chase.json'}   Picture: {self.folder / 'chase.png'}")
+        CONSOLE.print(f"Log: {log_path}   Picture: {picture_path}", markup=False, soft_wrap=True)
         if self.json:
             print_json({name: value for name, value in log.items() if name != "moments"})
 
 
-def _line(moment: Moment) -> str:
-    strongest_dbm = max(sum(trace) / len(trace) for trace in zip(*moment.rssi_dbm, strict=True))
-    step = (
-        "start" if moment.movement == 0 else "(" + ", ".join(f"{metres:+.0f}" for metres in moment.displacement_m) + ")"
-    )
-    center = "(" + ", ".join(f"{coordinate:+4.0f}" for coordinate in moment.center_m) + ")"
+def _line(moment: dict[str, Any]) -> str:
+    """A movement as the log holds it."""
+    strongest_dbm = max(sum(trace) / len(trace) for trace in zip(*moment["rssi_dbm"], strict=True))
+    displacement = "(" + ", ".join(f"{metres:+.0f}" for metres in moment["displacement_m"]) + ")"
+    center = "(" + ", ".join(f"{coordinate:+4.0f}" for coordinate in moment["center_m"]) + ")"
     return (
-        f"{moment.movement:4d} {step:>12} m  centre {center} m  spacing {moment.spacing_m:g} m  "
-        f"strongest {strongest_dbm:6.1f} dBm  target {moment.distance_m:5.1f} m away"
-        + ("  reached" if moment.reached else "")
+        f"{moment['movement']:4d} {displacement if moment['movement'] > 0 else 'start':>12} m  centre {center} m  "
+        f"spacing {moment['spacing_m']:g} m  strongest {strongest_dbm:6.1f} dBm  "
+        f"target {moment['distance_m']:5.1f} m away" + ("  reached" if moment["reached"] else "")
     )
 
 

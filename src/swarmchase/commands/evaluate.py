@@ -1,16 +1,16 @@
 """``swarmchase evaluate``: a controller over many chases."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
-from ..controllers import ActionChoice
-from ..evaluation import evaluate
-from ..files import require_writable_folder
-from .options import ScenarioOptions
+from ..files import require_writable_file
+from .options import ActionChoice, ScenarioOptions
 from .terminal import CONSOLE, print_json, progress_bar
 
 
@@ -37,18 +37,18 @@ class EvaluateCommand(ScenarioOptions):
 
     def run(self) -> None:
         """Evaluate and report."""
+        from ..evaluation import evaluate
+
         if self.table is not None:
-            require_writable_folder(self.table.parent)
-        scenario = self.scenario()
+            require_writable_file(self.table)
         began_s = time.monotonic()
-        with progress_bar("chases/s") as bar:
-            task = bar.add_task(f"{self.controller}", total=self.episodes, rate="-", news="")
+        with progress_bar(self.controller, self.episodes, "chases/s") as show:
 
             def finished(chases: int) -> None:
-                bar.update(task, completed=chases, rate=f"{chases / (time.monotonic() - began_s):.1f}")
+                show(chases, f"{chases / (time.monotonic() - began_s):.1f}", "")
 
             result = evaluate(
-                scenario,
+                self.scenario(),
                 self.controller,
                 self.episodes,
                 self.seed,
@@ -67,35 +67,30 @@ class EvaluateCommand(ScenarioOptions):
 
 
 def summary_table(summaries: list[dict[str, Any]]) -> Table:
-    """Summaries of evaluations as people read them."""
-    table = Table(caption="[lo, hi] is a 95 % confidence interval; failed chases count as MAX_STEPS + 1 movements")
-    for heading in (
-        "controller",
-        "F (Hz)",
-        "ρ",
-        "chases",
-        "reached",
-        "mean",
-        "median",
-        "90 %",
-        "most",
-        "time at 2 m/s",
-        "time at 5 m/s",
-    ):
-        table.add_column(heading, justify="left" if heading == "controller" else "right")
+    """Summaries of evaluations as people read them, one column each."""
+    table = Table(caption="in brackets: 95 % confidence interval; a failed chase counts as MAX_STEPS + 1 movements")
+    table.add_column("controller")
     for row in summaries:
-        low, high = row["movements_mean_ci95"]
-        p90_low, p90_high = row["movements_p90_ci95"]
-        table.add_row(
-            row["controller"] + ("" if row["action_choice"] is None else f" ({row['action_choice']})"),
-            f"{row['sampling_hz']:g}",
-            f"{row['spatial_correlation']:g}",
-            f"{row['episodes']}",
-            f"{100 * row['success_rate']:.2f} %",
-            f"{row['movements_mean']:.1f} [{low:.1f}, {high:.1f}]",
-            f"{row['movements_p50']:g}",
-            f"{row['movements_p90']:g} [{p90_low:g}, {p90_high:g}]",
-            f"{row['movements_max']}",
-            *(f"{seconds:.0f} s" for seconds in row["tracking_time_mean_s"].values()),
-        )
+        choice = "" if row["action_choice"] is None else f" ({row['action_choice']})"
+        table.add_column(Text(row["controller"] + choice), justify="right")
+    for name, shown in _SHOWN.items():
+        table.add_row(name, *(Text(shown(row)) for row in summaries))
     return table
+
+
+def _interval(bounds: list[float] | None, digits: int) -> str:
+    return "" if bounds is None else f" [{bounds[0]:.{digits}f}, {bounds[1]:.{digits}f}]"
+
+
+_SHOWN: dict[str, Callable[[dict[str, Any]], str]] = {
+    "F": lambda row: f"{row['sampling_hz']:g} Hz",
+    "ρ": lambda row: f"{row['spatial_correlation']:g}",
+    "chases": lambda row: f"{row['episodes']}",
+    "reached": lambda row: f"{100 * row['success_rate']:.2f} %",
+    "movements, mean": lambda row: f"{row['movements_mean']:.1f}" + _interval(row["movements_mean_ci95"], 1),
+    "movements, median": lambda row: f"{row['movements_p50']:g}" + _interval(row["movements_p50_ci95"], 0),
+    "movements, 90th percentile": lambda row: f"{row['movements_p90']:g}" + _interval(row["movements_p90_ci95"], 0),
+    "movements, most": lambda row: f"{row['movements_max']}",
+    "mean tracking time at 2 m/s": lambda row: f"{row['tracking_time_mean_s']['2']:.0f} s",
+    "mean tracking time at 5 m/s": lambda row: f"{row['tracking_time_mean_s']['5']:.0f} s",
+}

@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..scenario import Scenario
+
+ActionChoice = Literal["sampled", "greedy"]
+"""As in ``controllers``, which is slow to import: it needs torch."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,12 +3,13 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
-from ..training.a3c import train_a3c
-from ..training.run import TrainingStatus
-from ..training.settings import A3CSettings, Schedule, a3c_preset
 from .options import ScenarioOptions
 from .terminal import CONSOLE, print_json, progress_bar
+
+Schedule = Literal["processes", "deterministic"]
+"""As in ``training.settings``, which is slow to import: it needs torch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,18 +45,18 @@ class TrainA3CCommand(ScenarioOptions):
 
     def run(self) -> None:
         """Train and report."""
-        settings = self.settings()
+        from ..training.a3c import train_a3c
+        from ..training.run import TrainingStatus
+        from ..training.settings import a3c_preset
+
+        settings = dataclasses.replace(a3c_preset(self.preset), **self.changes())
         scenario = self.scenario()
-        with progress_bar("steps/s") as bar:
-            task = bar.add_task("updates", total=settings.max_updates, rate="-", news="")
-            result = train_a3c(
-                scenario,
-                settings,
-                self.folder,
-                self.schedule,
-                self.resume,
-                lambda status: bar.update(task, completed=status.updates, rate=_rate(status), news=_news(status)),
-            )
+        with progress_bar("updates", settings.max_updates, "steps/s") as show:
+
+            def progress(status: TrainingStatus) -> None:
+                show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
+
+            result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
         CONSOLE.print(
             f"Training {result.stopped}: {result.updates} updates, {result.environment_steps} environment steps."
         )
@@ -67,12 +68,8 @@ class TrainA3CCommand(ScenarioOptions):
         if self.json:
             print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
 
-    def settings(self) -> A3CSettings:
-        """The preset with the given changes.
-
-        Raises:
-            InputError: no such preset, or a number that is refused.
-        """
+    def changes(self) -> dict[str, Any]:
+        """The settings that differ from the preset's."""
         given = {
             "learning_rate": self.learning_rate,
             "num_agents": self.agents,
@@ -83,15 +80,14 @@ class TrainA3CCommand(ScenarioOptions):
             "stop_at_p90": self.stop_at_p90,
             "checkpoint_interval": self.checkpoint_interval,
         }
-        changes = {name: value for name, value in given.items() if value is not None}
-        return dataclasses.replace(a3c_preset(self.preset), **changes)  # type: ignore[arg-type]
+        return {name: value for name, value in given.items() if value is not None}
 
 
-def _rate(status: TrainingStatus) -> str:
-    return f"{status.environment_steps / status.seconds:.0f}" if status.seconds > 0 else "-"
+def _rate(environment_steps: int, seconds: float) -> str:
+    return f"{environment_steps / seconds:.0f}" if seconds > 0 else "-"
 
 
-def _news(status: TrainingStatus) -> str:
+def _news(status: Any) -> str:
     if status.last_evaluation is None:
         return "" if status.last_chase is None else f"last chase {status.last_chase.movements} movements"
     return f"90 %: {status.last_evaluation.movements_p90:g}, reached {100 * status.last_evaluation.success_rate:.0f} %"

@@ -1,6 +1,7 @@
 """Controllers: one file each, all behind ``protocol.Controller``. ``load_controller`` finds one by name or path."""
 
 from pathlib import Path
+from typing import get_args
 
 from ..errors import InputError
 from ..scenario import Scenario
@@ -39,10 +40,14 @@ def load_controller(
         return OracleController(scenario)
     shipped = shipped_weights()
     path = shipped.get(name, Path(name_or_path))
-    if name not in shipped and not (path.suffix == ".safetensors" or path.exists()):
+    if name not in shipped and not (path.suffix == ".safetensors" or path.is_file()):
         names = ", ".join(["random", "oracle", *shipped])
         raise InputError(
             f"no controller {name!r}; there are {names}, or give the path of a weights file (.safetensors)"
         )
     networks, configuration = load_weights(path)
-    return LearnedController(scenario, networks, name, action_choice or configuration.get("action_choice", "sampled"))
+    filed_choice = configuration.get("action_choice", "sampled")
+    if filed_choice not in get_args(ActionChoice):
+        allowed = " or ".join(map(repr, get_args(ActionChoice)))
+        raise InputError(f"weights file {path} says action_choice = {filed_choice!r}; allowed is {allowed}")
+    return LearnedController(scenario, networks, name, action_choice or filed_choice)

@@ -67,7 +67,7 @@ class Evaluator:
         if self.best is None or evaluation.order < self.best.order:
             self.best = evaluation
             configuration = weights_configuration(self._scenario, self._settings, evaluation.update)
-            save_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
+            save_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration, torch.float16)
         return evaluation
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:

@@ -84,6 +84,7 @@ def run_processes(run: TrainingRun) -> None:
         environment_steps=_shared_zeros(settings.num_agents),
     )
     arguments = (run.scenario, settings, run.shared, channels)
+    first_evaluation = _next_multiple(int(run.shared.updates), settings.evaluation_interval)
     starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
     processes = {
         f"local agent {index}": context.Process(
@@ -92,7 +93,7 @@ def run_processes(run: TrainingRun) -> None:
         for index in range(settings.num_agents)
     }
     processes["auxiliary agent"] = context.Process(
-        target=_auxiliary_agent_process, args=(*arguments, run.folder.folder, run.best), daemon=True
+        target=_auxiliary_agent_process, args=(*arguments, run.folder.folder, run.best, first_evaluation), daemon=True
     )
     with _ctrl_c_held_back():
         for process in processes.values():
@@ -143,17 +144,7 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
     while any(process.is_alive() for process in processes.values()) or not channels.mailbox.empty():
         # Before the mail: an agent that died of an error has written it by then, and its traceback says more.
         casualty = _casualty(processes)
-        while not channels.mailbox.empty():
-            mail = channels.mailbox.get()
-            if isinstance(mail, FinishedChase):
-                run.chase_ended(mail)
-            elif isinstance(mail, _EvaluationMail):
-                run.evaluated(mail.evaluation, mail.best, mail.meets_criterion)
-            elif isinstance(mail, _SnapshotMail):
-                if mail.asked == int(channels.checkpoints_asked):
-                    snapshots[mail.index] = mail.snapshot
-            else:
-                raise WorkerDiedError(f"{mail.who} ended with an error:\n{mail.text}")
+        _read_mail(run, channels, snapshots)
         if casualty is not None:
             raise WorkerDiedError(casualty)
         run.environment_steps = steps_before + int(channels.environment_steps.sum())
@@ -182,6 +173,21 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
     if len(snapshots) == run.settings.num_agents:
         run.checkpoint(global_agent.snapshot(), [snapshots[index] for index in range(run.settings.num_agents)])
     run.show()
+
+
+def _read_mail(run: TrainingRun, channels: _Channels, snapshots: dict[int, AgentSnapshot]) -> None:
+    """Enter all that has come into the run's books; answers to the present call for a checkpoint into ``snapshots``."""
+    while not channels.mailbox.empty():
+        mail = channels.mailbox.get()
+        if isinstance(mail, FinishedChase):
+            run.chase_ended(mail)
+        elif isinstance(mail, _EvaluationMail):
+            run.evaluated(mail.evaluation, mail.best, mail.meets_criterion)
+        elif isinstance(mail, _SnapshotMail):
+            if mail.asked == int(channels.checkpoints_asked):
+                snapshots[mail.index] = mail.snapshot
+        else:
+            raise WorkerDiedError(f"{mail.who} ended with an error:\n{mail.text}")
 
 
 def _require_health(processes: dict[str, Any]) -> None:
@@ -262,14 +268,15 @@ def _auxiliary_agent_process(
     channels: _Channels,
     folder: Path,
     best: Evaluation | None,
+    next_evaluation: int,
 ) -> None:
     with _worker(channels, "auxiliary agent"):
         global_agent = make_global_agent(settings, shared, channels.lock)
         evaluator = Evaluator(scenario, settings, folder, best)
-        next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
         while True:
             if global_agent.updates < next_evaluation:
-                if channels.stop.wait(POLL_S):
+                # Asked again: the last update may have come while it waited, and is still to be evaluated.
+                if channels.stop.wait(POLL_S) and global_agent.updates < next_evaluation:
                     break
                 continue
             if channels.stop.is_set() and not global_agent.finished:

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
+
 from ..controllers.weights import save_weights
 from ..networks import SwarmNetworks
 from ..scenario import Scenario
@@ -131,5 +133,6 @@ class TrainingRun:
         flat = FlatNetworks(SwarmNetworks())
         flat.vector.copy_(self.shared.vector)
         path = self.folder.folder / LAST_WEIGHTS
-        save_weights(path, flat.networks, weights_configuration(self.scenario, self.settings, int(self.shared.updates)))
+        configuration = weights_configuration(self.scenario, self.settings, int(self.shared.updates))
+        save_weights(path, flat.networks, configuration, torch.float16)
         return path

@@ -147,7 +147,7 @@ class TrainingLog:
         except OSError as error:
             raise InputError(f"cannot write {self._path}: {error.strerror or error}") from error
 
-    def _plot(self, group: str, numbers: dict[str, float], update: int) -> None:
+    def _plot(self, group: str, numbers: dict[str, float | int], update: int) -> None:
         if self._board is not None:
             for name, number in numbers.items():
                 self._board.add_scalar(f"{group}/{name}", number, update)

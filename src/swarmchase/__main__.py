@@ -1,0 +1,5 @@
+"""``python -m swarmchase`` is ``swarmchase``."""
+
+from .cli import main
+
+main()

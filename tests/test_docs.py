@@ -1,0 +1,154 @@
+"""docs/method.md states what the code holds: every table is checked against the code itself, every name resolved."""
+
+import dataclasses
+import importlib
+import pkgutil
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import swarmchase
+from swarmchase import networks
+from swarmchase.scenario import Scenario
+from swarmchase.training.losses import LossSettings
+from swarmchase.training.settings import PRESETS, A3CSettings
+
+ROOT = Path(__file__).parent.parent
+METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+
+UNITS = {"dbm": "dBm", "db": "dB", "m": "m", "mps": "m/s", "hz": "Hz", "s": "s"}
+
+PAPER_TABLE_I = {
+    # Symbol and value as Table I prints them.
+    "num_agents": ("N", 8),
+    "update_interval": ("T", 5),
+    "learning_rate": ("lr", 1e-5),
+    "discount": ("gamma", 0.99),
+    "entropy_coefficient": ("beta", 0.01),
+}
+PAPER_NETWORK = {"NUM_LSTM_LAYERS": 3, "HIDDEN_FEATURES": 128}
+
+
+def section(heading: str) -> str:
+    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", METHOD, flags=re.DOTALL | re.MULTILINE)
+    assert found, f"docs/method.md has no section {heading!r}"
+    return found[1]
+
+
+def rows(heading: str) -> list[list[str]]:
+    """The cells of a section's table, without its head."""
+    lines = [line for line in section(heading).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
+
+
+def shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(shown(entry) for entry in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def unit(name: str) -> str:
+    return UNITS.get(name.rsplit("_", 1)[-1], "-")
+
+
+def scenario_row(field: "dataclasses.Field[Any]") -> list[str]:
+    about = field.metadata
+    symbol = f"`{about['symbol']}`" if about["symbol"] != "-" else "-"
+    return [symbol, f"`{field.name}`", unit(field.name), shown(field.default), about["source"], about["help"]]
+
+
+def test_every_field_of_the_scenario_stands_in_its_table() -> None:
+    expected = [scenario_row(field) for field in dataclasses.fields(Scenario)]
+    assert rows("The world: every field of a scenario") == [
+        [cell.replace("|O_0 - U|", "dist(O_0, U)") for cell in row] for row in expected
+    ]  # a bar would end the cell
+
+
+def training_rows() -> Iterator[list[str]]:
+    for owner, settings in (("A3CSettings", PRESETS["paper"]), ("LossSettings", PRESETS["paper"].losses)):
+        for field in dataclasses.fields(settings):
+            value = getattr(settings, field.name)
+            if not dataclasses.is_dataclass(value):
+                symbol, _ = PAPER_TABLE_I.get(field.name, ("", None))
+                source = "Table I" if symbol else "choice"
+                yield [f"`{symbol}`" if symbol else "-", f"`{owner}.{field.name}`", "-", shown(value), source]
+    for name, value in vars(networks).items():
+        if name.isupper() and name not in ("NETWORK_NAMES", "NUM_TRACKERS", "PAPER_WINDOW_SAMPLES"):
+            source = "Table I" if name in PAPER_NETWORK else "Section III.A" if name == "NUM_CHOICES" else "choice"
+            yield ["-", f"`networks.{name}`", unit(name.lower()), shown(value), source]
+
+
+def test_every_constant_of_the_training_stands_in_its_table() -> None:
+    assert rows("Training: every constant") == list(training_rows())
+
+
+def test_the_paper_preset_is_table_one() -> None:
+    """What the document calls Table I is what Table I prints."""
+    settings = PRESETS["paper"]
+    values = dataclasses.asdict(settings) | dataclasses.asdict(settings.losses)
+    assert {name: values[name] for name in PAPER_TABLE_I} == {name: value for name, (_, value) in PAPER_TABLE_I.items()}
+    assert {name: getattr(networks, name) for name in PAPER_NETWORK} == PAPER_NETWORK
+    assert settings == A3CSettings()
+    assert settings.losses == LossSettings()
+
+
+CODE_NAME = re.compile(r"`((?:[A-Za-z_0-9]+\.)*[A-Za-z_][A-Za-z_0-9]*\.[A-Za-z_][A-Za-z_0-9]*)(?:\(\))?`")
+HOMES = {"Scenario": "scenario", "A3CSettings": "training.settings", "LossSettings": "training.losses"}
+"""Classes that the text calls by their own name."""
+
+
+def resolved(name: str) -> Any:
+    """The object of ``module.name``, ``module.Class.field`` or ``Class.field`` in this package."""
+    parts = name.split(".")
+    parts = [*HOMES.get(parts[0], "").split("."), *parts] if parts[0] in HOMES else parts
+    found: Any = swarmchase
+    for number, part in enumerate(parts):
+        if dataclasses.is_dataclass(found) and part in {field.name for field in dataclasses.fields(found)}:
+            return part
+        if not hasattr(found, part) or found is swarmchase:
+            found = importlib.import_module(".".join(["swarmchase", *parts[: number + 1]]))
+        else:
+            found = getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted({name for name in CODE_NAME.findall(METHOD) if not name.endswith(".py")}))
+def test_names_in_the_text_exist_in_the_code(name: str) -> None:
+    assert resolved(name) is not None
+
+
+def test_every_ambiguity_names_its_setting() -> None:
+    ambiguities = rows("Where the paper leaves a choice")
+    assert len(ambiguities) >= 20
+    for where, paper, choice, setting, effect in ambiguities:
+        assert all((where, paper, choice, effect))
+        assert "`" in setting, f"{where}: name where the choice is made"
+
+
+def test_every_module_stands_on_the_data_s_way() -> None:
+    listed = [row[0].strip("`") for row in rows("The data's way through the code")]
+    package = Path(swarmchase.__file__).parent
+    assert all((package / name).exists() for name in listed)
+    there = {
+        f"{module.name}/" if module.ispkg else f"{module.name}.py" for module in pkgutil.iter_modules([str(package)])
+    }
+    assert sorted(listed) == sorted({*there, "weights/"})
+
+
+def test_links_lead_somewhere() -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", METHOD):
+        assert (ROOT / "docs" / link).exists()
+
+
+def test_citation_names_this_version_and_the_paper() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    fields = dict(re.findall(r"^([a-z-]+): \"?([^\"\n]+)\"?$", citation, flags=re.MULTILINE))
+    assert (fields["version"], fields["license"]) == (swarmchase.__version__, "Apache-2.0")
+    assert fields["cff-version"] == "1.2.0"
+    assert "title: Multidimensional Swarm Flight Approach For Chasing Unauthorized UAVs" in citation.replace('"', "")
+    assert [*re.findall(r"family-names: (\S+)", citation)] == ["Ban", "Kang", "Jung"]
+    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert f'version = "{swarmchase.__version__}"' in pyproject

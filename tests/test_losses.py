@@ -1,0 +1,266 @@
+"""The losses of Algorithm 1 with a pencil, their gradients against formulas, batches against single chases."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from swarmchase.environment import Environment
+from swarmchase.networks import SwarmNetworks
+from swarmchase.scenario import paper_scenario
+from swarmchase.streams import ChaseStreams, chase_keys
+from swarmchase.training.losses import LossSettings, actor_critic_loss, discounted_returns, rollout_loss
+from swarmchase.training.rollout import Rollout, collect
+
+LN2 = math.log(2)
+HALVING = [1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 16]
+"""A policy whose logarithms are -1, -2, -3, -4, -4 times ln 2."""
+HALVING_ENTROPY = (1 / 2 + 2 / 4 + 3 / 8 + 4 / 16 + 4 / 16) * LN2  # 1.875 ln 2
+BY_HAND = LossSettings(discount=0.5, entropy_coefficient=0.1)
+
+
+def per_step(*numbers, chases=1):
+    """The same numbers for each network, [step, chase, 4]."""
+    return torch.tensor(numbers, dtype=torch.float64)[:, None, None].expand(-1, chases, 4).clone()
+
+
+def whole(steps, chases=1):
+    return torch.ones(steps, chases, dtype=torch.bool)
+
+
+@pytest.mark.parametrize(
+    ("reward", "valid", "bootstrap", "discount", "returns"),
+    [
+        # Nothing is discounted: what is still to come.
+        ([4, 0, -2], [1, 1, 1], 0, 1.0, [2, -2, -2]),
+        # -2 + 8 / 2 = 2, 0 + 2 / 2 = 1, 4 + 1 / 2 = 4.5.
+        ([4, 0, -2], [1, 1, 1], 8, 0.5, [4.5, 1, 2]),
+        # The same chase ended: -2, 0 - 2 / 2, 4 - 1 / 2.
+        ([4, 0, -2], [1, 1, 1], 0, 0.5, [3.5, -1, -2]),
+        # Only the next reward counts.
+        ([4, 0, -2], [1, 1, 1], 8, 0.0, [4, 0, -2]),
+        # Ended after two steps; what came later is not the chase's.
+        ([4, 2, -100], [1, 1, 0], 0, 0.5, [5, 2, None]),
+        # Cut off after one step with the value of its last window.
+        ([4, -100, -100], [1, 0, 0], 6, 0.5, [7, None, None]),
+        # One step and the paper's gamma.
+        ([1], [1], 1, 0.99, [1.99]),
+    ],
+)
+def test_returns_by_hand(reward, valid, bootstrap, discount, returns):
+    found = discounted_returns(
+        per_step(*map(float, reward)),
+        torch.tensor(valid, dtype=torch.bool)[:, None],
+        torch.full((1, 4), float(bootstrap), dtype=torch.float64),
+        discount,
+    )
+    for step, expected in enumerate(returns):
+        if expected is not None:
+            assert found[step, 0].tolist() == pytest.approx([expected] * 4)
+
+
+# Three steps by hand: rewards 4, 0, -2, values 1, 3, 3, choices 0, 2, 4 of the halving policy, gamma 1/2, beta 1/10.
+# In every case L = 1/3 [ln 2 (1 ADV_0 + 3 ADV_1 + 4 ADV_2) + L_V - 0.1 * 3 * 1.875 ln 2].
+ENTROPY_TERM = -0.1 * 3 * HALVING_ENTROPY
+N_STEP_RUNNING = ((1 * 3.5 + 3 * -2 + 4 * -1) * LN2 + 3.5 + 2 + 1 + ENTROPY_TERM) / 3
+"""V(S_3) = 8: returns 4.5, 1, 2, advantages 3.5, -2, -1."""
+N_STEP_ENDED = ((1 * 2.5 + 3 * -4 + 4 * -5) * LN2 + 2.5 + 4 + 5 + ENTROPY_TERM) / 3
+"""Returns 3.5, -1, -2, advantages 2.5, -4, -5."""
+ONE_STEP_RUNNING = ((1 * 3.5 + 3 * -2 + 4 * -1) * LN2 + 4.5 + 1.5 + 1 + ENTROPY_TERM) / 3
+"""Temporal differences 4 + 3/2 - 1 = 4.5, 0 + 3/2 - 3 = -1.5, -2 + 8/2 - 3 = -1; the advantage stays n-step."""
+ONE_STEP_ENDED = ((1 * 2.5 + 3 * -4 + 4 * -5) * LN2 + 4.5 + 1.5 + 5 + ENTROPY_TERM) / 3
+"""The last difference is -2 + 0 - 3 = -5."""
+
+
+class ScriptedNetworks(SwarmNetworks):
+    """Answers the halving policy, and to each window the value that the test wrote into its first sample."""
+
+    def forward(self, rssi_dbm):
+        logits = torch.tensor(HALVING, dtype=torch.float64).log().expand(len(rssi_dbm), 4, 5)
+        return logits, rssi_dbm[:, 0, :1].expand(-1, 4)
+
+
+def scripted_rollout(values, reward, choice, steps, reached=False, truncated=False):
+    """One chase of ``steps`` valid steps; ``values`` are V(S_0), V(S_1), ..."""
+    return Rollout(
+        rssi_dbm=torch.tensor(values, dtype=torch.float64)[:, None, None, None].expand(-1, 1, 2, 6),
+        choice=torch.tensor(choice)[:, None, None].expand(-1, 1, 4),
+        reward_m=per_step(*reward),
+        valid=torch.arange(len(reward))[:, None] < steps,
+        reached=torch.tensor([reached]),
+        truncated=torch.tensor([truncated]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("ends", "settings", "loss"),
+    [
+        ({}, BY_HAND, N_STEP_RUNNING),
+        ({}, replace(BY_HAND, bootstrap_at_truncation=True), N_STEP_RUNNING),
+        ({"reached": True}, BY_HAND, N_STEP_ENDED),
+        ({"reached": True}, replace(BY_HAND, bootstrap_at_truncation=True), N_STEP_ENDED),
+        ({"truncated": True}, BY_HAND, N_STEP_ENDED),
+        ({"truncated": True}, replace(BY_HAND, bootstrap_at_truncation=True), N_STEP_RUNNING),
+        ({}, replace(BY_HAND, value_loss="one_step"), ONE_STEP_RUNNING),
+        ({"reached": True}, replace(BY_HAND, value_loss="one_step"), ONE_STEP_ENDED),
+        ({"truncated": True}, replace(BY_HAND, value_loss="one_step"), ONE_STEP_ENDED),
+        (
+            {"truncated": True},
+            replace(BY_HAND, value_loss="one_step", bootstrap_at_truncation=True),
+            ONE_STEP_RUNNING,
+        ),
+    ],
+)
+def test_three_steps_by_hand(ends, settings, loss):
+    rollout = scripted_rollout([1, 3, 3, 8], (4.0, 0.0, -2.0), [0, 2, 4], steps=3, **ends)
+    assert rollout_loss(ScriptedNetworks(), rollout, settings).tolist() == pytest.approx([loss] * 4)
+
+
+@pytest.mark.parametrize("value_loss", ["n_step", "one_step"])
+@pytest.mark.parametrize(
+    ("ends", "bootstraps", "last_value"),
+    [("reached", False, 0), ("reached", True, 0), ("truncated", False, 0), ("truncated", True, 3)],
+)
+def test_a_chase_that_ends_within_a_batch_counts_no_further(value_loss, ends, bootstraps, last_value):
+    """It ends after its first step: one step with reward 4, V(S_0) = 1, choice 0, and V(S_1) = 3 only where it is
+    cut off and keeps its bootstrap. What comes later is absurd and counts nowhere."""
+    advantage = 4 + 0.5 * last_value - 1
+    alone = 1 * LN2 * advantage + advantage - 0.1 * HALVING_ENTROPY
+    short = scripted_rollout([1, 3, 1e6, -1e6], (4.0, 1e6, 1e6), [0, 4, 4], steps=1, **{ends: True})
+    running = scripted_rollout([1, 3, 3, 8], (4.0, 0.0, -2.0), [0, 2, 4], steps=3)
+    both = Rollout(
+        torch.cat([running.rssi_dbm, short.rssi_dbm], dim=1),
+        torch.cat([running.choice, short.choice], dim=1),
+        torch.cat([running.reward_m, short.reward_m], dim=1),
+        torch.cat([running.valid, short.valid], dim=1),
+        torch.cat([running.reached, short.reached]),
+        torch.cat([running.truncated, short.truncated]),
+    )
+    settings = replace(BY_HAND, value_loss=value_loss, bootstrap_at_truncation=bootstraps)
+    other = N_STEP_RUNNING if value_loss == "n_step" else ONE_STEP_RUNNING
+    # Each chase is averaged over its own steps, then the chases are averaged.
+    loss = rollout_loss(ScriptedNetworks(), both, settings)
+    assert loss.tolist() == pytest.approx([(other + alone) / 2] * 4)
+
+
+def test_each_network_has_its_own_reward_value_and_choice():
+    """One step, gamma irrelevant: L = -log pi ADV + |ADV| - beta H with another ADV and another choice in each."""
+    logits = torch.tensor(HALVING, dtype=torch.float64).log().expand(1, 1, 4, 5)
+    loss = actor_critic_loss(
+        logits,
+        value=torch.tensor([[[0.0, 1, 2, 3]]]).double(),
+        choice=torch.tensor([[[0, 1, 2, 3]]]),
+        reward=torch.tensor([[[4.0, 2, 2, -2]]]).double(),
+        valid=whole(1),
+        bootstrap_value=torch.zeros(1, 4).double(),
+        settings=BY_HAND,
+    )
+    # Advantages 4, 1, 0, -5; -log pi is 1, 2, 3, 4 ln 2.
+    entropy_term = -0.1 * HALVING_ENTROPY
+    expected = [4 * LN2 + 4, 2 * LN2 + 1, 0, -20 * LN2 + 5]
+    assert loss[:].tolist() == pytest.approx([number + entropy_term for number in expected])
+
+
+def test_the_defaults_are_table_one():
+    assert LossSettings() == LossSettings(
+        discount=0.99, entropy_coefficient=0.01, bootstrap_at_truncation=False, value_loss="n_step"
+    )
+
+
+def random_case(seed, steps=3):
+    generator = torch.Generator().manual_seed(seed)
+    logits = torch.randn(steps, 1, 4, 5, generator=generator, dtype=torch.float64, requires_grad=True)
+    value = torch.randn(steps, 1, 4, generator=generator, dtype=torch.float64, requires_grad=True)
+    reward = torch.randn(steps, 1, 4, generator=generator, dtype=torch.float64)
+    choice = torch.randint(5, (steps, 1, 4), generator=generator)
+    bootstrap = torch.randn(1, 4, generator=generator, dtype=torch.float64)
+    return logits, value, choice, reward, bootstrap
+
+
+@pytest.mark.parametrize("value_loss", ["n_step", "one_step"])
+@pytest.mark.parametrize("seed", range(3))
+def test_gradients_are_those_of_the_formula_written_by_hand(value_loss, seed):
+    """d L / d V(S_k) = -sign(error_k) / T: the value learns through V(S_k) alone, neither through the advantage in the
+    policy loss nor through the next value. d L / d logits = [ADV (pi - onehot) + beta pi (log pi + H)] / T."""
+    logits, value, choice, reward, bootstrap = random_case(seed)
+    settings = replace(BY_HAND, value_loss=value_loss)
+    actor_critic_loss(logits, value, choice, reward, whole(3), bootstrap, settings).sum().backward()
+    v, r, b = value.detach()[:, 0], reward[:, 0], bootstrap[0]
+    g2 = r[2] + 0.5 * b
+    g1 = r[1] + 0.5 * g2
+    g0 = r[0] + 0.5 * g1
+    advantage = torch.stack([g0, g1, g2]) - v
+    difference = torch.stack([r[0] + 0.5 * v[1] - v[0], r[1] + 0.5 * v[2] - v[1], g2 - v[2]])
+    error = advantage if value_loss == "n_step" else difference
+    torch.testing.assert_close(value.grad[:, 0], -error.sign() / 3)
+    policy = logits.detach()[:, 0].softmax(-1)
+    log_policy, taken = policy.log(), torch.nn.functional.one_hot(choice[:, 0], 5)
+    entropy = -(policy * log_policy).sum(-1, keepdim=True)
+    by_hand = (advantage[..., None] * (policy - taken) + 0.1 * policy * (log_policy + entropy)) / 3
+    torch.testing.assert_close(logits.grad[:, 0], by_hand)
+
+
+@pytest.mark.parametrize("bootstraps", [False, True])
+def test_nothing_flows_through_the_bootstrap(bootstraps):
+    """The last window's value is a target: with the chase's own windows' values held, it moves no parameter."""
+    networks, rollout = SwarmNetworks(torch.Generator().manual_seed(0)), chases_that_end_apart()[0]
+    value_bias = networks.by_name["x"].value_head.bias
+    rollout_loss(networks, rollout, LossSettings(bootstrap_at_truncation=bootstraps)).sum().backward()
+    # d V / d (bias of the value head) is 10 m: each valid step gives -10 sign(ADV) / T / chases.
+    _, values = networks(rollout.rssi_dbm.flatten(0, 1))
+    values = values.detach().view(*rollout.rssi_dbm.shape[:2], 4)
+    ended = rollout.reached if bootstraps else rollout.reached | rollout.truncated
+    expected = 0.0
+    for chase in range(3):
+        steps = int(rollout.valid[:, chase].sum())
+        following = 0.0 if ended[chase] else float(values[steps, chase, 1])
+        for step in reversed(range(steps)):
+            following = float(rollout.reward_m[step, chase, 1]) + 0.99 * following
+            expected -= 10 * math.copysign(1, following - float(values[step, chase, 1])) / steps / 3
+    assert value_bias.grad.item() == pytest.approx(expected, abs=1e-4)
+
+
+def chases_that_end_apart():
+    """Three chases as a batch and alone: one reaches its target, one is cut off early, one goes on."""
+    scenario = paper_scenario(start_distance_m=6.0, success_radius_m=4.0, max_movements=7, window_samples=3)
+    environment, networks = Environment(scenario), SwarmNetworks(torch.Generator().manual_seed(0))
+
+    def batch(rows):
+        keys = [chase_keys(4, 1, row)[0] for row in rows]
+        state = environment.reset(keys)
+        # Movements are counted from where the table has them: the second chase has two left.
+        movements = torch.tensor([5 if row == ROWS[1] else 0 for row in rows])
+        state = replace(state, movements=movements)
+        return collect(environment, networks, state, ChaseStreams.of(keys, "policy"), 5)[0]
+
+    return batch(ROWS), [batch([row]) for row in ROWS]
+
+
+ROWS = [4, 1, 2]
+
+
+def in_float64(rollout):
+    return replace(rollout, rssi_dbm=rollout.rssi_dbm.double(), reward_m=rollout.reward_m.double())
+
+
+@pytest.mark.parametrize("value_loss", ["n_step", "one_step"])
+@pytest.mark.parametrize("bootstraps", [False, True])
+def test_a_batchs_gradient_is_the_mean_of_its_chases_gradients(value_loss, bootstraps):
+    batch, singles = chases_that_end_apart()
+    assert [len(single.choice) for single in singles] == batch.valid.sum(dim=0).tolist()
+    assert batch.reached.tolist() == [True, False, False]
+    assert batch.truncated.tolist() == [False, True, False]
+    assert batch.valid.sum(dim=0)[:2].max() < len(batch.valid) == 5
+    settings = LossSettings(value_loss=value_loss, bootstrap_at_truncation=bootstraps)
+    networks = SwarmNetworks(torch.Generator().manual_seed(9)).double()
+
+    def gradient(rollout):
+        networks.zero_grad()
+        rollout_loss(networks, in_float64(rollout), settings).sum().backward()
+        return torch.cat([parameter.grad.flatten() for parameter in networks.parameters()])
+
+    mean = sum(gradient(single) for single in singles) / 3
+    assert mean.abs().max() > 0.01
+    # The weights 1 / (steps * chases) are float32 numbers.
+    assert (gradient(batch) - mean).norm() < 1e-6 * mean.norm()
