@@ -18,10 +18,9 @@ from swarmchase import evaluation
 from swarmchase.chases import ChaseResult, nearest_rank_percentile
 from swarmchase.commands.evaluate import summary_table
 from swarmchase.controllers.weights import save_weights
-from swarmchase.errors import InputError
+from swarmchase.errors import InputError, WorkerDiedError
 from swarmchase.evaluation import (
     Evaluation,
-    ProcessDiedError,
     evaluate,
     mean_interval,
     percentile_interval,
@@ -294,7 +293,7 @@ def fails_at_once(_work: Any, _chases: range, sender: Any) -> None:
 
 @pytest.mark.parametrize(
     ("life", "error", "words"),
-    [(killed_at_once, ProcessDiedError, "exit code -9"), (fails_at_once, InputError, "gone.safetensors is damaged")],
+    [(killed_at_once, WorkerDiedError, "exit code -9"), (fails_at_once, InputError, "gone.safetensors is damaged")],
 )
 @pytest.mark.usefixtures("small_shares")
 def test_a_process_that_dies_is_an_error_and_no_hang(

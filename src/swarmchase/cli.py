@@ -19,7 +19,7 @@ from .commands.chase import ChaseCommand
 from .commands.evaluate import EvaluateCommand
 from .commands.terminal import CONSOLE
 from .commands.train import TrainA3CCommand
-from .errors import InputError
+from .errors import InputError, WorkerDiedError
 
 DESCRIPTION = """Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength.
 
@@ -54,6 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         line = " ".join(str(error).splitlines())
         CONSOLE.print(f"swarmchase: {line}", style="bold red", markup=False, soft_wrap=True)
         sys.exit(2)
+    except WorkerDiedError as error:
+        CONSOLE.print(f"swarmchase: {error}", style="bold red", markup=False, soft_wrap=True)
+        sys.exit(1)
     except KeyboardInterrupt:
         CONSOLE.print("swarmchase: interrupted")
         sys.exit(130)

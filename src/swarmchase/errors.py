@@ -1,5 +1,12 @@
-"""The one error a user is meant to read: what was given, what is allowed, what to do."""
+"""The errors a user is meant to read."""
 
 
 class InputError(ValueError):
-    """Bad input from outside. The command line prints it in one line and exits with code 2."""
+    """Bad input from outside: what was given, what is allowed. The command line prints it in one line, exit code 2."""
+
+
+class WorkerDiedError(RuntimeError):
+    """A process of a training or an evaluation ended unexpectedly; the message holds its traceback or its exit code.
+
+    The command line prints it and exits with code 1.
+    """

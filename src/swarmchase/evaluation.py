@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from . import __version__
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
 from .controllers import ActionChoice, load_controller
-from .errors import InputError
+from .errors import InputError, WorkerDiedError
 from .files import atomic_path
 from .scenario import Scenario
 
@@ -34,10 +34,6 @@ SHARE_CHASES = 500
 CONFIDENCE = 0.95
 NORMAL_QUANTILE = 1.959964
 """Of (1 + CONFIDENCE) / 2."""
-
-
-class ProcessDiedError(RuntimeError):
-    """A process of an evaluation ended before its chases did."""
 
 
 def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
@@ -151,7 +147,7 @@ def evaluate(
 
     Raises:
         InputError: no episodes, no batch, an unknown controller or a broken weights file.
-        ProcessDiedError: a process was killed, or failed with the error it printed.
+        WorkerDiedError: a process was killed, or failed with the error it printed.
     """
     for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
         if value < 1:
@@ -219,7 +215,7 @@ def _received(running: "dict[connection.Connection, multiprocessing.process.Base
                 process = running.pop(receiver)
                 process.join()
                 if process.exitcode != 0:
-                    raise ProcessDiedError(
+                    raise WorkerDiedError(
                         f"a process of the evaluation died with exit code {process.exitcode} (a negative one is the "
                         "signal that killed it; 9 is what a machine out of memory sends)"
                     ) from None

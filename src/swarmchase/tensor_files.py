@@ -15,13 +15,17 @@ _DOCUMENT_KEY = "swarmchase"
 
 
 def save_tensors(path: Path, tensors: dict[str, torch.Tensor], document: dict[str, Any]) -> None:
-    """Write tensors with a JSON document beside them, whole or not at all."""
+    """Write tensors with a JSON document beside them, whole or not at all.
+
+    Raises:
+        InputError: it cannot be written there, or the disk is full.
+    """
+    contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
     with atomic_path(path) as temporary:
-        save_file(
-            {name: tensor.contiguous() for name, tensor in tensors.items()},
-            temporary,
-            {_DOCUMENT_KEY: json.dumps(document)},
-        )
+        try:
+            save_file(contiguous, temporary, {_DOCUMENT_KEY: json.dumps(document)})
+        except SafetensorError as error:
+            raise InputError(f"cannot write {path}: {error}") from error
 
 
 def load_tensors(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

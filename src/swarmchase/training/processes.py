@@ -18,6 +18,7 @@ from typing import Any
 
 import torch
 
+from ..errors import WorkerDiedError
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import Evaluation, Evaluator
@@ -30,10 +31,6 @@ POLL_S = 0.1
 """How often the global agent looks at its mail and at its agents' health."""
 STOP_LIMIT_S = 60.0
 """An agent that has not stopped after this long is ended by force; only an evaluation may take so long."""
-
-
-class WorkerDiedError(RuntimeError):
-    """A local or auxiliary agent ended unexpectedly; the message holds its traceback or its exit code."""
 
 
 @dataclass(frozen=True)
