@@ -12,10 +12,11 @@ import torch
 
 from ..networks import SwarmNetworks
 from ..scenario import Scenario, paper_scenario
+from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters
 from ..training.parameters import FlatNetworks
 from ..training.settings import A3CSettings
-from ..training.worker import make_global_agent, make_local_agent, work_once
+from ..training.worker import make_global_agent, work_once
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -86,7 +87,7 @@ def _worker(
 ) -> None:
     torch.set_num_threads(1)
     global_agent = make_global_agent(settings, shared, lock)
-    agent = make_local_agent(scenario, settings, index)
+    agent = LocalAgent(scenario, settings, index)
     for _ in range(WARM_UP_UPDATES):
         work_once(agent, global_agent)
     ready.wait()
@@ -94,5 +95,5 @@ def _worker(
     steps = 0
     for _ in range(updates):
         steps += work_once(agent, global_agent)
-        agent.finished_chase(global_agent.updates)
+        agent.finished_chases(global_agent.updates)
     mailbox.put(steps / (time.perf_counter() - began_s))

@@ -18,6 +18,7 @@ import torch
 from ..errors import InputError
 from ..networks import SwarmNetworks
 from ..scenario import Scenario
+from .agent import LocalAgent
 from .evaluator import Evaluator
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks
@@ -25,7 +26,7 @@ from .processes import run_processes
 from .run import Progress, TrainingResult, TrainingRun
 from .run_folder import ResumePoint, RunFolder
 from .settings import A3CSettings, Schedule, training_seed
-from .worker import make_global_agent, make_local_agent, work_once
+from .worker import make_global_agent, work_once
 
 
 def train_a3c(
@@ -69,7 +70,7 @@ def _run_in_turn(run: TrainingRun) -> None:
     """The deterministic schedule: the agents take turns, the auxiliary agent evaluates between them."""
     settings = run.settings
     global_agent = make_global_agent(settings, run.shared, contextlib.nullcontext())
-    agents = [make_local_agent(run.scenario, settings, index) for index in range(settings.num_agents)]
+    agents = [LocalAgent(run.scenario, settings, index) for index in range(settings.num_agents)]
     for agent, snapshot in zip(agents, run.point.agents, strict=False):
         agent.restore(snapshot)
     evaluator = Evaluator(run.scenario, settings, run.folder.folder, run.best)
@@ -77,8 +78,7 @@ def _run_in_turn(run: TrainingRun) -> None:
         while not global_agent.finished and run.stopped is None:
             agent = agents[global_agent.updates % settings.num_agents]
             run.environment_steps += work_once(agent, global_agent)
-            finished = agent.finished_chase(global_agent.updates)
-            if finished is not None:
+            for finished in agent.finished_chases(global_agent.updates):
                 run.chase_ended(finished)
             if global_agent.updates % settings.evaluation_interval == 0:
                 evaluation = evaluator.evaluate(global_agent.snapshot())

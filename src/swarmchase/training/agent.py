@@ -1,19 +1,21 @@
-"""A local agent: its own copy of the networks, its own chase, one rollout and one gradient at a time (Algorithm 1)."""
+"""A local agent: its own copy of the networks, its own chases, one rollout and one gradient at a time (Algorithm 1)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
 
-from ..batching import pack, unpack
+from ..array_types import Bool, Float, Int
+from ..batching import join_chases, pack, select_chases, unpack
 from ..environment import Environment, State
-from ..networks import SwarmNetworks
+from ..networks import NETWORK_NAMES, SwarmNetworks
 from ..scenario import Scenario
 from ..streams import ChaseKey, ChaseStreams
-from .losses import LossSettings, rollout_loss
+from .losses import rollout_loss
 from .parameters import FlatNetworks
-from .rollout import Rollout, collect
+from .rollout import collect
+from .settings import A3CSettings, training_seed
 
 
 @dataclass(frozen=True)
@@ -31,104 +33,119 @@ class FinishedChase:
 
 
 @dataclass(frozen=True)
-class _Progress:
-    """The part of an agent that is a batch of one chase."""
+class Progress:
+    """Where an agent stands in its chases: a batch as in ``swarmchase.batching``."""
 
+    number: Int[torch.Tensor, "chase"]
+    """Number of each chase in the training."""
     state: State
     streams: ChaseStreams
+    """Each chase's own random numbers for sampling actions."""
+    movements: Int[torch.Tensor, "chase"]
+    """Movements made in each chase."""
+    reward_m: Float[torch.Tensor, "chase 4"]
+    """Sums of R^d, R^x, R^y, R^z over each chase so far, float64."""
+    reached: Bool[torch.Tensor, "chase"]
+    """Ended at the target in the last rollout."""
+    truncated: Bool[torch.Tensor, "chase"]
+    """Ended at MAX_STEPS in the last rollout."""
 
 
 @dataclass(frozen=True)
 class AgentSnapshot:
-    """Where an agent stands in its chase, as a file or a message between processes can hold it."""
+    """An agent's progress, as a file or a message between processes can hold it."""
 
     arrays: dict[str, NDArray[Any]]
-    document: dict[str, Any]
+    streams: dict[str, Any]
 
 
 class LocalAgent:
-    """One of N agents. Agent i takes the chases i, i + N, i + 2N, ... of the training seed.
+    """One of N agents with K chases each, in the paper one.
 
-    The process trainer, the deterministic schedule and the cluster all run this same class.
+    Agent i begins with the chases i K ... i K + K - 1 of the training seed, and each that ends is followed by the one
+    N K further on. The process trainer, the deterministic schedule and the cluster all run this same class.
     """
 
-    def __init__(
-        self, index: int, num_agents: int, seed: int, scenario: Scenario, settings: LossSettings, update_interval: int
-    ) -> None:
+    def __init__(self, scenario: Scenario, settings: A3CSettings, index: int) -> None:
         self.local = FlatNetworks(SwarmNetworks())
         self._index = index
-        self._num_agents = num_agents
-        self._seed = seed
-        self._environment = Environment(scenario)
         self._settings = settings
-        self._update_interval = update_interval
-        self._begin_chase(index)
-
-    chase: int
-    """Number of the chase it is in."""
-    state: State
-    streams: ChaseStreams
-    """The chase's own random numbers for sampling actions."""
-    reward_m: tuple[float, float, float, float]
-    """Sums of R^d, R^x, R^y, R^z over the chase so far."""
+        self._environment = Environment(scenario)
+        first = index * settings.chases_per_agent
+        self.progress = self._begun(list(range(first, first + settings.chases_per_agent)))
 
     def compute_gradient(self) -> int:
         """Play up to T movements and leave their losses' gradient in ``local.gradient``; returns the movements made."""
-        rollout, self.state = collect(
-            self._environment, self.local.networks, self.state, self.streams, self._update_interval
+        before = self.progress
+        rollout, state = collect(
+            self._environment, self.local.networks, before.state, before.streams, self._settings.update_interval
         )
         self.local.gradient.zero_()
-        rollout_loss(self.local.networks, rollout, self._settings).sum().backward()  # type: ignore[no-untyped-call]
-        self._count(rollout)
-        return len(rollout.choice)
-
-    def finished_chase(self, update: int) -> FinishedChase | None:
-        """The chase that the last rollout ended, if it did; the next chase then stands ready."""
-        if not self._ended:
-            return None
-        finished = FinishedChase(
-            self._index, self.chase, update, int(self.state.movements), self._reached, self.reward_m
+        loss = rollout_loss(self.local.networks, rollout, self._settings.losses)
+        loss.sum().backward()  # type: ignore[no-untyped-call]
+        self.progress = replace(
+            before,
+            state=state,
+            movements=before.movements + rollout.valid.sum(dim=0),
+            reward_m=before.reward_m + (rollout.reward_m * rollout.valid[..., None]).double().sum(dim=0),
+            reached=rollout.reached,
+            truncated=rollout.truncated,
         )
-        self._begin_chase(self.chase + self._num_agents)
+        return int(rollout.valid.sum())
+
+    def finished_chases(self, update: int) -> list[FinishedChase]:
+        """The chases that the last rollout ended; the next ones then stand in their place."""
+        progress = self.progress
+        rows = (progress.reached | progress.truncated).nonzero()[:, 0].tolist()
+        if not rows:
+            return []
+        finished = [self._finished(row, update) for row in rows]
+        stride = self._settings.num_agents * self._settings.chases_per_agent
+        following = self._begun([int(progress.number[row]) + stride for row in rows])
+        num_chases = len(progress.number)
+        order = [num_chases + rows.index(row) if row in rows else row for row in range(num_chases)]
+        self.progress = select_chases(join_chases(progress, following), order)
         return finished
 
     def snapshot(self) -> AgentSnapshot:
         """Where this agent stands between two rollouts."""
-        tensors, positions = pack(self._progress(), self._prefix)
-        arrays = {name: tensor.numpy().copy() for name, tensor in tensors.items()}
-        return AgentSnapshot(arrays, {"chase": self.chase, "reward_m": self.reward_m, "streams": positions})
+        tensors, positions = pack(self.progress, self._prefix)
+        return AgentSnapshot({name: tensor.numpy().copy() for name, tensor in tensors.items()}, positions)
 
     def restore(self, snapshot: AgentSnapshot) -> None:
-        """Go on with a chase where a snapshot left it.
+        """Go on where a snapshot was taken.
 
         Raises:
             InputError: the snapshot lacks something.
         """
         tensors = {name: torch.from_numpy(array) for name, array in snapshot.arrays.items()}
-        progress = unpack(self._progress(), self._prefix, tensors, snapshot.document["streams"])
-        self.state, self.streams = progress.state, progress.streams
-        self.chase = snapshot.document["chase"]
-        d, x, y, z = snapshot.document["reward_m"]
-        self.reward_m = (d, x, y, z)
+        self.progress = unpack(self.progress, self._prefix, tensors, snapshot.streams)
 
     @property
     def _prefix(self) -> str:
         return f"agent{self._index}"
 
-    def _progress(self) -> _Progress:
-        return _Progress(self.state, self.streams)
+    def _begun(self, numbers: list[int]) -> Progress:
+        keys: list[ChaseKey] = [(training_seed(self._settings.seed), number) for number in numbers]
+        nothing = torch.zeros(len(keys), dtype=torch.bool)
+        return Progress(
+            number=torch.tensor(numbers),
+            state=self._environment.reset(keys),
+            streams=ChaseStreams.of(keys, "policy"),
+            movements=torch.zeros(len(keys), dtype=torch.int64),
+            reward_m=torch.zeros(len(keys), len(NETWORK_NAMES), dtype=torch.float64),
+            reached=nothing,
+            truncated=nothing,
+        )
 
-    def _begin_chase(self, chase: int) -> None:
-        keys: list[ChaseKey] = [(self._seed, chase)]
-        self.chase = chase
-        self.state = self._environment.reset(keys)
-        self.streams = ChaseStreams.of(keys, "policy")
-        self.reward_m = (0.0, 0.0, 0.0, 0.0)
-        self._ended = self._reached = False
-
-    def _count(self, rollout: Rollout) -> None:
-        won_m = rollout.reward_m.double().sum(dim=(0, 1)).tolist()
-        d, x, y, z = (before + won for before, won in zip(self.reward_m, won_m, strict=True))
-        self.reward_m = (d, x, y, z)
-        self._reached = bool(rollout.reached)
-        self._ended = self._reached or bool(rollout.truncated)
+    def _finished(self, row: int, update: int) -> FinishedChase:
+        progress = self.progress
+        d, x, y, z = progress.reward_m[row].tolist()
+        return FinishedChase(
+            agent=self._index,
+            chase=int(progress.number[row]),
+            update=update,
+            movements=int(progress.movements[row]),
+            reached=bool(progress.reached[row]),
+            reward_m=(d, x, y, z),
+        )

@@ -20,12 +20,12 @@ import torch
 
 from ..errors import WorkerDiedError
 from ..scenario import Scenario
-from .agent import AgentSnapshot, FinishedChase
+from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import Evaluation, Evaluator
 from .global_agent import SharedParameters
 from .run import TrainingRun
 from .settings import A3CSettings
-from .worker import make_global_agent, make_local_agent, work_once
+from .worker import make_global_agent, work_once
 
 POLL_S = 0.1
 """How often the global agent looks at its mail and at its agents' health."""
@@ -239,7 +239,7 @@ def _local_agent_process(
 ) -> None:
     with _worker(channels, f"local agent {index}"):
         global_agent = make_global_agent(settings, shared, channels.lock)
-        agent = make_local_agent(scenario, settings, index)
+        agent = LocalAgent(scenario, settings, index)
         if start is not None:
             agent.restore(start)
         answered = 0
@@ -248,8 +248,7 @@ def _local_agent_process(
                 channels.stop.wait()
                 break
             channels.environment_steps[index].add_(work_once(agent, global_agent))
-            finished = agent.finished_chase(global_agent.updates)
-            if finished is not None:
+            for finished in agent.finished_chases(global_agent.updates):
                 channels.mailbox.put(finished)
             asked = int(channels.checkpoints_asked)
             if asked > answered and not channels.stop.is_set():

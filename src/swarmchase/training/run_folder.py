@@ -56,7 +56,7 @@ class RunFolder:
         tensors = {name: torch.from_numpy(array) for agent in point.agents for name, array in agent.arrays.items()}
         document = {
             **self._identity,
-            "agents": [agent.document for agent in point.agents],
+            "agents": [agent.streams for agent in point.agents],
             "best": None if point.best is None else dataclasses.asdict(point.best),
             "environment_steps": point.environment_steps,
             "seconds": point.seconds,
@@ -84,9 +84,9 @@ class RunFolder:
             agents = [
                 AgentSnapshot(
                     {name: tensor.numpy() for name, tensor in tensors.items() if name.startswith(f"agent{index}.")},
-                    agent,
+                    streams,
                 )
-                for index, agent in enumerate(document["agents"])
+                for index, streams in enumerate(document["agents"])
             ]
             best = None if document["best"] is None else Evaluation(**document["best"])
             return ResumePoint(parameters, agents, best, document["environment_steps"], document["seconds"])
