@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from swarmchase.chase_log import chase_log, run_chase, save_chase_log
 from swarmchase.controllers import load_controller
 from swarmchase.errors import InputError
-from swarmchase.figures import PAGE_WIDTH_INCHES, TRACKER_COLORS, TRACKER_NAMES, draw_chase
+from swarmchase.figures import PAGE_WIDTH_INCHES, TRACKER_COLORS, TRACKER_NAMES, draw_chase, draw_training
 from swarmchase.scenario import paper_scenario
 
 
@@ -149,3 +149,27 @@ def test_drawing_leaves_the_style_of_others_alone(log: dict[str, Any], tmp_path:
     draw_chase(log, tmp_path / "chase.png")
     assert dict(plt.rcParams) == before
     assert plt.get_fignums() == []
+
+
+def test_training_curves_are_rewards_per_movement_of_the_last_hundred_chases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """150 chases of 2 movements: the first 50 win 1 m on every axis and 2 m in all, the others 3 m and 4 m."""
+    chases = [
+        {"update": update, "movements": 2, "reward_m": [2, 1, 1, 1] if update < 50 else [4, 3, 3, 3]}
+        for update in range(150)
+    ]
+    evaluations = [{"update": 50, "movements_p90": 90.0, "movements_mean": 40.0}]
+    figures: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *a, **o: (figures.append(figure), save(figure, *a, **o))[1])
+    draw_training(chases, evaluations, tmp_path / "training.png")
+    reward_axes, movement_axes = figures[0].axes
+    theta_d, theta_x, theta_y, theta_z = (np.asarray(line.get_ydata()) for line in reward_axes.get_lines())
+    assert (theta_d[0], theta_d[-1]) == (1.5, 2.0)  # (50 x 2 m + 50 x 4 m) / 200 movements; 100 x 4 m / 200
+    for theta in (theta_x, theta_y, theta_z):
+        assert (theta[0], theta[-1]) == (1.0, 1.5)
+    assert [np.asarray(line.get_ydata()).tolist() for line in movement_axes.get_lines()] == [[90.0], [40.0]]
+    assert (tmp_path / "training.png").stat().st_size > 10_000
+    draw_training(chases[:3], evaluations, tmp_path / "short.png")
+    assert np.asarray(figures[1].axes[0].get_lines()[0].get_ydata()).tolist() == [1.0]

@@ -15,21 +15,23 @@ from swarmchase.streams import ChaseStreams, chase_keys
 from swarmchase.training.agent import AgentSnapshot, LocalAgent
 from swarmchase.training.losses import LossSettings, rollout_loss
 from swarmchase.training.rollout import Rollout, collect
+from swarmchase.training.settings import A3CSettings, training_seed
 
 NEAR = paper_scenario(start_distance_m=6.0, success_radius_m=4.0, max_movements=7, window_samples=3)
 """Chases that end both ways, soon."""
+SEED = training_seed(6)
 
 
 def new_networks(seed=0):
     return SwarmNetworks(torch.Generator().manual_seed(seed))
 
 
-def start(chases, seed=4):
+def start(chases, seed=SEED):
     keys = [chase_keys(seed, 1, chase)[0] for chase in chases]
     return Environment(NEAR), Environment(NEAR).reset(keys), ChaseStreams.of(keys, "policy")
 
 
-def by_hand(networks, chase, num_steps, seed=4):
+def by_hand(networks, chase, num_steps, seed=SEED):
     """One chase alone, movement by movement: windows, choices, rewards, and how it ended."""
     environment, state, streams = start([chase], seed)
     windows, choices, rewards, end = [state.rssi_dbm], [], [], ""
@@ -103,8 +105,9 @@ def test_reaching_at_the_last_movement_is_termination_alone():
     assert (rollout.reached.tolist(), rollout.truncated.tolist()) == ([True], [False])
 
 
-def local_agent(index=0, num_agents=3, interval=2):
-    agent = LocalAgent(index, num_agents, 4, NEAR, LossSettings(), interval)
+def local_agent(index=0, num_agents=3, interval=2, chases_per_agent=1):
+    settings = A3CSettings(num_agents=num_agents, chases_per_agent=chases_per_agent, update_interval=interval, seed=6)
+    agent = LocalAgent(NEAR, settings, index)
     agent.local.networks.load_state_dict(new_networks().state_dict())
     return agent
 
@@ -114,9 +117,7 @@ def test_an_agent_takes_every_nth_chase_and_books_it_as_played():
     for update in range(40):
         movements = agent.compute_gradient()
         assert 1 <= movements <= 2
-        chase = agent.finished_chase(update)
-        if chase is not None:
-            finished.append(chase)
+        finished.extend(agent.finished_chases(update))
     assert [chase.chase for chase in finished] == [1 + 3 * k for k in range(len(finished))]
     assert len(finished) >= 10
     assert sorted({chase.reached for chase in finished}) == [False, True]
@@ -127,6 +128,33 @@ def test_an_agent_takes_every_nth_chase_and_books_it_as_played():
         assert (chase.agent, chase.movements, chase.reached) == (1, len(choices), end == "reached")
         assert chase.update == update
         assert chase.reward_m == pytest.approx(rewards.double().sum(dim=(0, 1)).tolist())
+
+
+def test_an_agent_with_several_chases_plays_each_as_if_alone():
+    """Agent 1 of 3 with two chases each begins with the chases 2 and 3; each is followed by the one 6 further on."""
+    agent, finished, movements = local_agent(index=1, chases_per_agent=2), [], 0
+    for update in range(40):
+        movements += agent.compute_gradient()
+        finished.extend(agent.finished_chases(update))
+    numbers = sorted(chase.chase for chase in finished)
+    assert {number % 6 for number in numbers} == {2, 3}
+    assert len(numbers) == len(set(numbers)) >= 20
+    for chase in finished:
+        _, choices, rewards, end = by_hand(new_networks(), chase.chase, 9)
+        assert (chase.agent, chase.movements, chase.reached) == (1, len(choices), end == "reached")
+        assert chase.reward_m == pytest.approx(rewards.double().sum(dim=(0, 1)).tolist())
+    assert movements == sum(chase.movements for chase in finished) + int(agent.progress.movements.sum())
+
+
+def test_the_gradient_of_several_chases_is_the_mean_of_each_alone():
+    together = local_agent(num_agents=1, chases_per_agent=3)
+    together.compute_gradient()
+    alone = [local_agent(index=index) for index in range(3)]
+    for agent in alone:
+        agent.compute_gradient()
+    mean = torch.stack([agent.local.gradient for agent in alone]).mean(dim=0)
+    torch.testing.assert_close(together.local.gradient, mean, rtol=1e-4, atol=1e-6)
+    assert mean.abs().max() > 0.01
 
 
 def test_an_agents_gradient_is_that_of_its_losses():
@@ -161,25 +189,25 @@ def test_a_snapshot_written_down_goes_on_exactly(updates):
     agent = local_agent()
     for update in range(updates):
         agent.compute_gradient()
-        agent.finished_chase(update)
+        agent.finished_chases(update)
     snapshot = agent.snapshot()
     arrays = {name: array.copy() for name, array in snapshot.arrays.items()}
     restored = local_agent()
-    restored.restore(AgentSnapshot(arrays, json.loads(json.dumps(snapshot.document))))
+    restored.restore(AgentSnapshot(arrays, json.loads(json.dumps(snapshot.streams))))
     for update in range(12):
         assert restored.compute_gradient() == agent.compute_gradient()
         assert torch.equal(restored.local.gradient, agent.local.gradient)
-        assert restored.finished_chase(update) == agent.finished_chase(update)
-        assert restored.chase == agent.chase
+        assert restored.finished_chases(update) == agent.finished_chases(update)
+        assert torch.equal(restored.progress.number, agent.progress.number)
 
 
 def test_a_snapshot_does_not_change_with_its_agent():
     agent = local_agent()
     agent.compute_gradient()
     snapshot = agent.snapshot()
-    kept = {name: array.copy() for name, array in snapshot.arrays.items()}, json.dumps(snapshot.document)
+    kept = {name: array.copy() for name, array in snapshot.arrays.items()}, json.dumps(snapshot.streams)
     agent.compute_gradient()
-    assert json.dumps(snapshot.document) == kept[1]
+    assert json.dumps(snapshot.streams) == kept[1]
     for name, array in snapshot.arrays.items():
         assert (array == kept[0][name]).all()
 

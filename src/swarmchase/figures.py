@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -25,6 +26,9 @@ TARGET_COLOR = "#D55E00"
 START_COLOR = "#0072B2"
 SHADOW_COLOR = "#B0B0B0"
 MOST_MARKERS = 25
+REWARD_CHASES = 100
+"""Chases that a point of the training's reward curve averages, as in Fig. 4 of the paper."""
+NETWORK_COLORS = ("#000000", "#0072B2", "#D55E00", "#00694E")
 STYLE: Any = {
     "font.size": 8,
     "legend.fontsize": 7,
@@ -169,3 +173,46 @@ def _draw_spacing(axes: Axes, log: dict[str, Any]) -> None:
     )
     axes.set_xlim(0, moments[-1]["movement"] + 1)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def draw_training(chases: Sequence[dict[str, Any]], evaluations: Sequence[dict[str, Any]], path: Path) -> None:
+    """How a training went, from its log: reward per movement of the four networks, and the evaluations' movements.
+
+    Rewards are averaged over ``REWARD_CHASES`` chases, as in Fig. 4 of the paper, or over all where there are less.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
+        reward_axes, movement_axes = figure.subplots(1, 2)
+        averaged = min(REWARD_CHASES, len(chases))
+        update = [chase["update"] for chase in chases[averaged - 1 :]]
+        for network, (name, color, line) in enumerate(zip("dxyz", NETWORK_COLORS, ("-", "--", "-.", ":"), strict=True)):
+            won_m = np.cumsum([0.0] + [chase["reward_m"][network] for chase in chases])
+            made = np.cumsum([0.0] + [chase["movements"] for chase in chases])
+            mean_m = (won_m[averaged:] - won_m[:-averaged]) / (made[averaged:] - made[:-averaged])
+            reward_axes.plot(update, mean_m, color=color, linestyle=line, label=f"θ$^{name}$")
+        reward_axes.set(
+            xlabel="updates of the global networks", ylabel=f"reward per movement (m),\nmean of {averaged} chases"
+        )
+        reward_axes.legend(frameon=False, ncols=2)
+        update = [evaluation["update"] for evaluation in evaluations]
+        movement_axes.plot(
+            update,
+            [one["movements_p90"] for one in evaluations],
+            color="black",
+            marker="o",
+            markersize=3,
+            label="90th percentile",
+        )
+        movement_axes.plot(
+            update,
+            [one["movements_mean"] for one in evaluations],
+            color="#0072B2",
+            linestyle="--",
+            marker="s",
+            markersize=3,
+            label="mean",
+        )
+        movement_axes.set(xlabel="updates of the global networks", ylabel="movements", ylim=(0, None))
+        movement_axes.legend(frameon=False)
+        with atomic_path(path) as temporary:
+            figure.savefig(temporary, format=path.suffix.lstrip("."), dpi=200)

@@ -28,6 +28,8 @@ class TrainA3CCommand(ScenarioOptions):
     """Adam's learning rate."""
     agents: int | None = None
     """Local agents."""
+    chases_per_agent: int | None = None
+    """Chases each local agent plays at a time; the paper's agents play one."""
     updates: int | None = None
     """Updates of the global networks."""
     seed: int | None = None
@@ -65,14 +67,25 @@ class TrainA3CCommand(ScenarioOptions):
                 f"Best, in {result.weights}: 90th percentile {result.best.movements_p90:g}, "
                 f"mean {result.best.movements_mean:.1f} movements after {result.best.update} updates"
             )
+            self._draw()
         if self.json:
             print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
+
+    def _draw(self) -> None:
+        """The learning curves, from the run's log."""
+        from ..figures import draw_training
+        from ..training.run_folder import read_log
+
+        picture = self.folder / "training.png"
+        draw_training(read_log(self.folder, "chase"), read_log(self.folder, "evaluation"), picture)
+        CONSOLE.print(f"Learning curves: {picture}", markup=False, soft_wrap=True)
 
     def changes(self) -> dict[str, Any]:
         """The settings that differ from the preset's."""
         given = {
             "learning_rate": self.learning_rate,
             "num_agents": self.agents,
+            "chases_per_agent": self.chases_per_agent,
             "max_updates": self.updates,
             "seed": self.seed,
             "evaluation_interval": self.evaluation_interval,

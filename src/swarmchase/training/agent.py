@@ -60,10 +60,10 @@ class AgentSnapshot:
 
 
 class LocalAgent:
-    """One of N agents with K chases each, in the paper one.
+    """One of N agents with C chases each; C is 1 in the paper.
 
-    Agent i begins with the chases i K ... i K + K - 1 of the training seed, and each that ends is followed by the one
-    N K further on. The process trainer, the deterministic schedule and the cluster all run this same class.
+    Agent i begins with the chases i C ... i C + C - 1 of the training seed, and each that ends is followed by the one
+    N C further on. The process trainer, the deterministic schedule and the cluster all run this same class.
     """
 
     def __init__(self, scenario: Scenario, settings: A3CSettings, index: int) -> None:
