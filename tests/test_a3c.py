@@ -104,6 +104,15 @@ def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(undist
     assert left_behind(tmp_path) == left_behind(undisturbed[1])
 
 
+def test_resuming_is_exact_with_several_chases_an_agent_and_a_falling_learning_rate(tmp_path):
+    settings = dataclasses.replace(SETTINGS, num_agents=2, chases_per_agent=3, final_learning_rate=1e-4, max_updates=12)
+    train(tmp_path / "whole", settings)
+    train(tmp_path / "parts", settings, interrupt_at=7)
+    train(tmp_path / "parts", settings, resume=True)
+    assert left_behind(tmp_path / "parts") == left_behind(tmp_path / "whole")
+    assert len(read_log(tmp_path / "whole", "chase")) >= 6
+
+
 def test_what_was_logged_after_the_last_checkpoint_is_made_again_and_not_twice(undisturbed, tmp_path):
     """A killed run: its log goes further than its checkpoint, and its last line is half written."""
     train(tmp_path, interrupt_at=8)
@@ -244,6 +253,7 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch):
     "changes",
     [
         {"num_agents": 0},
+        {"chases_per_agent": 0},
         {"update_interval": 0},
         {"max_updates": 0},
         {"max_updates": 2**24 + 1},

@@ -87,8 +87,8 @@ PRESETS: dict[str, A3CSettings] = {
         checkpoint_interval=500,
     ),
 }
-"""``paper`` is Table I exactly. ``fast`` has its agents, networks, T and losses, and three changes: each agent plays eight
-chases at a time, the learning rate falls from twenty times the paper's to the paper's, and the discount is 0.5.
+"""``paper`` is Table I exactly. ``fast`` has its agents, networks, T and losses, and three changes: each agent plays
+eight chases at a time, the learning rate falls from twenty times the paper's to the paper's, and the discount is 0.5.
 
 The rewards of a chase add up to the distance won, whatever the way. With a discount of 0.99 a wrong movement near the
 target that the next one takes back costs next to nothing and is hardly ever unlearned; with 0.5 it costs what it is.
