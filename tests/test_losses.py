@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from swarmchase.environment import Environment
+from swarmchase.errors import InputError
 from swarmchase.networks import SwarmNetworks
 from swarmchase.scenario import paper_scenario
 from swarmchase.streams import ChaseStreams, chase_keys
@@ -264,3 +265,18 @@ def test_a_batchs_gradient_is_the_mean_of_its_chases_gradients(value_loss, boots
     assert mean.abs().max() > 0.01
     # The weights 1 / (steps * chases) are float32 numbers.
     assert (gradient(batch) - mean).norm() < 1e-6 * mean.norm()
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "allowed"),
+    [
+        ("discount", -0.1, "between 0 and 1"),
+        ("discount", 1.5, "between 0 and 1"),
+        ("discount", float("nan"), "between 0 and 1"),
+        ("entropy_coefficient", -1.0, "at least 0"),
+        ("entropy_coefficient", float("inf"), "at least 0"),
+    ],
+)
+def test_a_setting_outside_its_range_is_refused(setting, value, allowed):
+    with pytest.raises(InputError, match=f"{setting} = {value} is refused: allowed is {allowed}"):
+        LossSettings(**{setting: value})

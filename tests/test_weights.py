@@ -109,6 +109,10 @@ BAD_FILES = {
         lambda path: save_file(load_file(path), path, {"swarmchase": "{"}),
         "damaged or was not",
     ),
+    "a document that is no object": (
+        lambda path: save_file(load_file(path), path, {"swarmchase": "[]"}),
+        "damaged or was not",
+    ),
     "no format": (lambda path: save_file({}, path, {"swarmchase": "{}"}), "holds 'no known format', not"),
     "another format": (
         lambda path: rewritten(path, lambda tensors: None, {"format": "swarmchase-networks-99"}),

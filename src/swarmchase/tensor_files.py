@@ -37,6 +37,8 @@ def load_tensors(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[s
     try:
         with safe_open(path, framework="pt") as file:
             document = json.loads((file.metadata() or {})[_DOCUMENT_KEY])
+            if not isinstance(document, dict):
+                raise KeyError(_DOCUMENT_KEY)
             return {name: file.get_tensor(name) for name in file.keys()}, document  # noqa: SIM118 (safe_open is no mapping)
     except OSError as error:
         raise InputError(f"cannot read {kind} {path}: {error.strerror or error}") from error

@@ -4,12 +4,14 @@ Axes are [step, chase, network], networks in the order d, x, y, z. A chase that 
 steps invalid; they count nowhere.
 """
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 
 from ..array_types import Bool, Float, Int, Tensor
+from ..errors import InputError
 from ..networks import SwarmNetworks
 from .rollout import Rollout
 
@@ -19,7 +21,11 @@ ValueLoss = Literal["n_step", "one_step"]
 
 @dataclass(frozen=True)
 class LossSettings:
-    """The constants of the losses, Table I."""
+    """The constants of the losses, Table I.
+
+    Raises:
+        InputError: a number outside its range.
+    """
 
     discount: float = 0.99
     """gamma."""
@@ -29,6 +35,14 @@ class LossSettings:
     """Whether a chase cut off at MAX_STEPS keeps the value of its last window; Algorithm 1 cuts it."""
     value_loss: ValueLoss = "n_step"
     """L1 of the n-step advantage (Algorithm 1) or of the one-step temporal difference (Section III.B)."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.discount <= 1:
+            raise InputError(f"discount = {self.discount} is refused: allowed is between 0 and 1")
+        if not 0 <= self.entropy_coefficient < math.inf:
+            raise InputError(f"entropy_coefficient = {self.entropy_coefficient} is refused: allowed is at least 0")
+        if self.value_loss not in get_args(ValueLoss):
+            raise InputError(f"value_loss = {self.value_loss!r} is refused: allowed is n_step or one_step")
 
 
 def discounted_returns(

@@ -101,7 +101,7 @@ class TrainingLog:
         self._path = folder / LOG_FILE
         self._forget_after(resume_update)
         self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115 (closed by close())
-        self._board = _tensorboard(folder)
+        self._board = _tensorboard(folder, resume_update)
 
     def chase(self, chase: FinishedChase) -> None:
         """Log a chase of the training."""
@@ -169,10 +169,13 @@ def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
         return [line for line in map(json.loads, file) if line["kind"] == kind]
 
 
-def _tensorboard(folder: Path) -> Any:
-    """A TensorBoard writer, or None where TensorBoard is not installed (a training machine with torch alone)."""
+def _tensorboard(folder: Path, resume_update: int) -> Any:
+    """A TensorBoard writer, or None where TensorBoard is not installed (a training machine with torch alone).
+
+    What an interrupted run plotted after ``resume_update`` is purged: it will be made again.
+    """
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ModuleNotFoundError:
         return None
-    return SummaryWriter(str(folder / "tensorboard"))
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=resume_update + 1)
