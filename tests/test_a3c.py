@@ -235,7 +235,7 @@ def test_a_damaged_log_is_refused(tmp_path):
 
 
 def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_folder, "_tensorboard", lambda folder: None)
+    monkeypatch.setattr(run_folder, "_tensorboard", lambda folder, resume_update: None)
     log = TrainingLog(tmp_path, 0)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
