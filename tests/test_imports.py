@@ -100,8 +100,8 @@ def test_walker_sees_what_is_there() -> None:
     """The tests below would pass on nothing at all."""
     assert imports("environment")[0] >= {"channel", "formation", "target", "scenario"}
     assert imports("training.losses") == (
-        {"array_types", "networks", "training.rollout"},
-        {"dataclasses", "typing", "torch"},
+        {"array_types", "errors", "networks", "training.rollout"},
+        {"dataclasses", "math", "typing", "torch"},
     )
     assert "networks" in imports("controllers.learned")[0]
     assert "training.a3c" in imports("commands.train")[0]  # inside a function
