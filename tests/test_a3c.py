@@ -23,10 +23,10 @@ from swarmchase.training.agent import FinishedChase
 from swarmchase.training.losses import LossSettings
 from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.run_folder import TrainingLog, read_log
-from swarmchase.training.settings import A3CSettings
+from swarmchase.training.settings import TrainingSettings
 
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12, continuity="continuous")
-SETTINGS = A3CSettings(
+SETTINGS = TrainingSettings(
     num_agents=3,
     learning_rate=1e-3,
     max_updates=18,
@@ -271,11 +271,11 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch):
 def test_settings_outside_their_range_are_refused_by_name(changes):
     [(name, value)] = changes.items()
     with pytest.raises(InputError, match=f"{name} = {value} is refused: allowed is (at least|at most|greater than) "):
-        A3CSettings(**changes)
+        TrainingSettings(**changes)
 
 
 def test_the_defaults_are_table_one():
-    settings = A3CSettings()
+    settings = TrainingSettings()
     assert (settings.num_agents, settings.update_interval, settings.learning_rate) == (8, 5, 1e-5)
     assert settings.final_learning_rate is None
 
@@ -299,7 +299,7 @@ def test_the_best_weights_are_those_of_the_best_evaluation(tmp_path):
     assert dataclasses.asdict(result.best) == {name: best[name] for name in dataclasses.asdict(result.best)}
     networks, configuration = load_weights(folder / "best.safetensors")
     assert configuration["update"] == best["update"]
-    assert configuration["scenario"] == WORLD.to_dict()
+    assert configuration["scenarios"] == [WORLD.to_dict()]
     assert configuration["settings"] == settings.to_dict()
     # They are the global parameters of that moment, in float16, and a controller.
     train(tmp_path / "until", settings, interrupt_at=best["update"])
@@ -357,7 +357,7 @@ def test_it_learns(tmp_path):
     z, by an effect of more than 0.8 standard deviations, which is called large; 1.0 to 2.0 was seen with other seeds.
     """
     scenario = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
-    settings = A3CSettings(
+    settings = TrainingSettings(
         num_agents=4,
         learning_rate=1e-3,
         losses=LossSettings(discount=0.5),

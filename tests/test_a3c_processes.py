@@ -21,13 +21,13 @@ from swarmchase.scenario import paper_scenario
 from swarmchase.training.a3c import train_a3c
 from swarmchase.training.processes import WorkerDiedError, _WatchedLock
 from swarmchase.training.run_folder import read_log
-from swarmchase.training.settings import A3CSettings
+from swarmchase.training.settings import TrainingSettings
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc to know a run's processes")
 
 WAIT_S = 60
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
-SETTINGS = A3CSettings(
+SETTINGS = TrainingSettings(
     num_agents=1, learning_rate=1e-3, max_updates=20, seed=5, evaluation_interval=20, evaluation_chases=4
 )
 ENDLESS = 100_000

@@ -14,7 +14,7 @@ import swarmchase
 from swarmchase import networks
 from swarmchase.scenario import Scenario
 from swarmchase.training.losses import LossSettings
-from swarmchase.training.settings import PRESETS, A3CSettings
+from swarmchase.training.settings import PRESETS, TrainingSettings
 
 ROOT = Path(__file__).parent.parent
 METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
@@ -68,7 +68,7 @@ def test_every_field_of_the_scenario_stands_in_its_table() -> None:
 
 
 def training_rows() -> Iterator[list[str]]:
-    for owner, settings in (("A3CSettings", PRESETS["paper"]), ("LossSettings", PRESETS["paper"].losses)):
+    for owner, settings in (("TrainingSettings", PRESETS["paper"]), ("LossSettings", PRESETS["paper"].losses)):
         for field in dataclasses.fields(settings):
             value = getattr(settings, field.name)
             if not dataclasses.is_dataclass(value):
@@ -91,12 +91,12 @@ def test_the_paper_preset_is_table_one() -> None:
     values = dataclasses.asdict(settings) | dataclasses.asdict(settings.losses)
     assert {name: values[name] for name in PAPER_TABLE_I} == {name: value for name, (_, value) in PAPER_TABLE_I.items()}
     assert {name: getattr(networks, name) for name in PAPER_NETWORK} == PAPER_NETWORK
-    assert settings == A3CSettings()
+    assert settings == TrainingSettings()
     assert settings.losses == LossSettings()
 
 
 CODE_NAME = re.compile(r"`((?:[A-Za-z_0-9]+\.)*[A-Za-z_][A-Za-z_0-9]*\.[A-Za-z_][A-Za-z_0-9]*)(?:\(\))?`")
-HOMES = {"Scenario": "scenario", "A3CSettings": "training.settings", "LossSettings": "training.losses"}
+HOMES = {"Scenario": "scenario", "TrainingSettings": "training.settings", "LossSettings": "training.losses"}
 """Classes that the text calls by their own name."""
 
 

@@ -178,8 +178,8 @@ def test_training_runs_where_nothing_else_is_installed(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from swarmchase.scenario import paper_scenario\n"
         "from swarmchase.training.a3c import train_a3c\n"
-        "from swarmchase.training.settings import A3CSettings\n"
-        "settings = A3CSettings(num_agents=1, max_updates=2, evaluation_interval=1, evaluation_chases=1)\n"
+        "from swarmchase.training.settings import TrainingSettings\n"
+        "settings = TrainingSettings(num_agents=1, max_updates=2, evaluation_interval=1, evaluation_chases=1)\n"
         "result = train_a3c(paper_scenario(max_movements=3), settings, Path(sys.argv[1]), 'deterministic')\n"
         "print(result.updates, result.stopped)\n"
     )

@@ -1,7 +1,7 @@
 """The losses of Algorithm 1 with a pencil, their gradients against formulas, batches against single chases."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
 import torch
@@ -11,7 +11,13 @@ from swarmchase.errors import InputError
 from swarmchase.networks import SwarmNetworks
 from swarmchase.scenario import paper_scenario
 from swarmchase.streams import ChaseStreams, chase_keys
-from swarmchase.training.losses import LossSettings, actor_critic_loss, discounted_returns, rollout_loss
+from swarmchase.training.losses import (
+    LossSettings,
+    actor_critic_loss,
+    counterfactual_loss,
+    lambda_returns,
+    rollout_loss,
+)
 from swarmchase.training.rollout import Rollout, collect
 
 LN2 = math.log(2)
@@ -24,10 +30,6 @@ BY_HAND = LossSettings(discount=0.5, entropy_coefficient=0.1)
 def per_step(*numbers, chases=1):
     """The same numbers for each network, [step, chase, 4]."""
     return torch.tensor(numbers, dtype=torch.float64)[:, None, None].expand(-1, chases, 4).clone()
-
-
-def whole(steps, chases=1):
-    return torch.ones(steps, chases, dtype=torch.bool)
 
 
 @pytest.mark.parametrize(
@@ -50,11 +52,36 @@ def whole(steps, chases=1):
     ],
 )
 def test_returns_by_hand(reward, valid, bootstrap, discount, returns):
-    found = discounted_returns(
+    found = lambda_returns(
         per_step(*map(float, reward)),
+        torch.full((len(reward), 1, 4), 1e6, dtype=torch.float64),  # lambda = 1: no value counts
         torch.tensor(valid, dtype=torch.bool)[:, None],
         torch.full((1, 4), float(bootstrap), dtype=torch.float64),
-        discount,
+        LossSettings(discount=discount),
+    )
+    for step, expected in enumerate(returns):
+        if expected is not None:
+            assert found[step, 0].tolist() == pytest.approx([expected] * 4)
+
+
+@pytest.mark.parametrize(
+    ("gae_lambda", "valid", "returns"),
+    [
+        # gamma 1/2, rewards 4, 0, -2, values 1, 3, 3 and 8 after the last.
+        (0.0, [1, 1, 1], [4 + 3 / 2, 0 + 3 / 2, -2 + 8 / 2]),
+        (0.5, [1, 1, 1], [4 + (1.25 + 3) / 4, 0 + (2 + 3) / 4, 2]),
+        # Over after two steps: the 8 is the value after the second.
+        (0.5, [1, 1, 0], [4 + (4 + 3) / 4, 0 + 8 / 2, None]),
+        (0.0, [1, 1, 0], [4 + 3 / 2, 4, None]),
+    ],
+)
+def test_lambda_returns_by_hand(gae_lambda, valid, returns):
+    found = lambda_returns(
+        per_step(4.0, 0.0, -2.0),
+        per_step(1.0, 3.0, 3.0),
+        torch.tensor(valid, dtype=torch.bool)[:, None],
+        torch.full((1, 4), 8.0, dtype=torch.float64),
+        LossSettings(discount=0.5, gae_lambda=gae_lambda),
     )
     for step, expected in enumerate(returns):
         if expected is not None:
@@ -87,10 +114,25 @@ def scripted_rollout(values, reward, choice, steps, reached=False, truncated=Fal
     return Rollout(
         rssi_dbm=torch.tensor(values, dtype=torch.float64)[:, None, None, None].expand(-1, 1, 2, 6),
         choice=torch.tensor(choice)[:, None, None].expand(-1, 1, 4),
+        logits=torch.tensor(HALVING, dtype=torch.float64).log().expand(len(reward), 1, 4, 5),
         reward_m=per_step(*reward),
+        counterfactual_reward_m=torch.zeros(len(reward), 1, 3, 5, dtype=torch.float64),
         valid=torch.arange(len(reward))[:, None] < steps,
         reached=torch.tensor([reached]),
         truncated=torch.tensor([truncated]),
+    )
+
+
+def together(first, second):
+    """Two chases' rollouts as one of a batch of two."""
+    ends = ("reached", "truncated")
+    return Rollout(
+        **{
+            part.name: torch.cat(
+                [getattr(first, part.name), getattr(second, part.name)], dim=0 if part.name in ends else 1
+            )
+            for part in fields(Rollout)
+        }
     )
 
 
@@ -130,14 +172,7 @@ def test_a_chase_that_ends_within_a_batch_counts_no_further(value_loss, ends, bo
     alone = 1 * LN2 * advantage + advantage - 0.1 * HALVING_ENTROPY
     short = scripted_rollout([1, 3, 1e6, -1e6], (4.0, 1e6, 1e6), [0, 4, 4], steps=1, **{ends: True})
     running = scripted_rollout([1, 3, 3, 8], (4.0, 0.0, -2.0), [0, 2, 4], steps=3)
-    both = Rollout(
-        torch.cat([running.rssi_dbm, short.rssi_dbm], dim=1),
-        torch.cat([running.choice, short.choice], dim=1),
-        torch.cat([running.reward_m, short.reward_m], dim=1),
-        torch.cat([running.valid, short.valid], dim=1),
-        torch.cat([running.reached, short.reached]),
-        torch.cat([running.truncated, short.truncated]),
-    )
+    both = together(running, short)
     settings = replace(BY_HAND, value_loss=value_loss, bootstrap_at_truncation=bootstraps)
     other = N_STEP_RUNNING if value_loss == "n_step" else ONE_STEP_RUNNING
     # Each chase is averaged over its own steps, then the chases are averaged.
@@ -147,13 +182,15 @@ def test_a_chase_that_ends_within_a_batch_counts_no_further(value_loss, ends, bo
 
 def test_each_network_has_its_own_reward_value_and_choice():
     """One step, gamma irrelevant: L = -log pi ADV + |ADV| - beta H with another ADV and another choice in each."""
-    logits = torch.tensor(HALVING, dtype=torch.float64).log().expand(1, 1, 4, 5)
-    loss = actor_critic_loss(
-        logits,
-        value=torch.tensor([[[0.0, 1, 2, 3]]]).double(),
+    rollout = replace(
+        scripted_rollout([0, 0], (0.0,), [0], steps=1),
         choice=torch.tensor([[[0, 1, 2, 3]]]),
-        reward=torch.tensor([[[4.0, 2, 2, -2]]]).double(),
-        valid=whole(1),
+        reward_m=torch.tensor([[[4.0, 2, 2, -2]]]).double(),
+    )
+    loss = actor_critic_loss(
+        rollout.logits,
+        value=torch.tensor([[[0.0, 1, 2, 3]]]).double(),
+        rollout=rollout,
         bootstrap_value=torch.zeros(1, 4).double(),
         settings=BY_HAND,
     )
@@ -165,7 +202,12 @@ def test_each_network_has_its_own_reward_value_and_choice():
 
 def test_the_defaults_are_table_one():
     assert LossSettings() == LossSettings(
-        discount=0.99, entropy_coefficient=0.01, bootstrap_at_truncation=False, value_loss="n_step"
+        objective="actor_critic",
+        discount=0.99,
+        gae_lambda=1.0,
+        entropy_coefficient=0.01,
+        bootstrap_at_truncation=False,
+        value_loss="n_step",
     )
 
 
@@ -186,7 +228,8 @@ def test_gradients_are_those_of_the_formula_written_by_hand(value_loss, seed):
     policy loss nor through the next value. d L / d logits = [ADV (pi - onehot) + beta pi (log pi + H)] / T."""
     logits, value, choice, reward, bootstrap = random_case(seed)
     settings = replace(BY_HAND, value_loss=value_loss)
-    actor_critic_loss(logits, value, choice, reward, whole(3), bootstrap, settings).sum().backward()
+    rollout = replace(scripted_rollout([0] * 4, (0.0,) * 3, [0] * 3, steps=3), choice=choice, reward_m=reward)
+    actor_critic_loss(logits, value, rollout, bootstrap, settings).sum().backward()
     v, r, b = value.detach()[:, 0], reward[:, 0], bootstrap[0]
     g2 = r[2] + 0.5 * b
     g1 = r[1] + 0.5 * g2
@@ -242,7 +285,13 @@ ROWS = [4, 1, 2]
 
 
 def in_float64(rollout):
-    return replace(rollout, rssi_dbm=rollout.rssi_dbm.double(), reward_m=rollout.reward_m.double())
+    return replace(
+        rollout,
+        **{
+            name: getattr(rollout, name).double()
+            for name in ("rssi_dbm", "logits", "reward_m", "counterfactual_reward_m")
+        },
+    )
 
 
 @pytest.mark.parametrize("value_loss", ["n_step", "one_step"])
@@ -273,6 +322,9 @@ def test_a_batchs_gradient_is_the_mean_of_its_chases_gradients(value_loss, boots
         ("discount", -0.1, "between 0 and 1"),
         ("discount", 1.5, "between 0 and 1"),
         ("discount", float("nan"), "between 0 and 1"),
+        ("gae_lambda", 1.01, "between 0 and 1"),
+        ("clip_range", 0.0, "greater than 0"),
+        ("temperature_m", float("nan"), "greater than 0"),
         ("entropy_coefficient", -1.0, "at least 0"),
         ("entropy_coefficient", float("inf"), "at least 0"),
     ],
@@ -280,3 +332,88 @@ def test_a_batchs_gradient_is_the_mean_of_its_chases_gradients(value_loss, boots
 def test_a_setting_outside_its_range_is_refused(setting, value, allowed):
     with pytest.raises(InputError, match=f"{setting} = {value} is refused: allowed is {allowed}"):
         LossSettings(**{setting: value})
+
+
+def test_ppo_at_the_policy_that_played_has_the_gradient_of_actor_critic():
+    """The ratio is 1: its gradient is that of the logarithm."""
+    gradients = []
+    for objective in ("actor_critic", "ppo"):
+        rollout = scripted_rollout([1, 3, 3, 8], (4.0, 0.0, -2.0), [0, 2, 4], steps=3)
+        logits = rollout.logits.clone().requires_grad_()
+        value = torch.tensor([1.0, 3, 3]).double()[:, None, None].expand(-1, 1, 4)
+        loss = actor_critic_loss(
+            logits, value, rollout, torch.zeros(1, 4).double(), replace(BY_HAND, objective=objective)
+        )
+        loss.sum().backward()
+        gradients.append(logits.grad)
+    assert gradients[0].abs().max() > 0.1
+    torch.testing.assert_close(gradients[0], gradients[1])
+
+
+@pytest.mark.parametrize(
+    ("advantage", "probability", "loss"),
+    [
+        # It was 1/2; the ratio is twice the probability, and leaves 1 by at most a fifth.
+        (2, 0.5, -2.0),
+        (2, 0.55, -2.2),
+        (2, 0.9, -2.4),
+        (2, 0.1, -0.4),
+        (-2, 0.9, 3.6),
+        (-2, 0.1, 1.6),
+        (-2, 0.45, 1.8),
+    ],
+)
+def test_ppo_clips_what_is_earned_and_not_what_is_lost(advantage, probability, loss):
+    policy = torch.tensor([probability, *[(1 - probability) / 4] * 4], dtype=torch.float64)
+    rollout = scripted_rollout([0, 0], (float(advantage),), [0], steps=1)
+    found = actor_critic_loss(
+        policy.log().expand(1, 1, 4, 5),
+        torch.zeros(1, 1, 4).double(),
+        rollout,
+        torch.zeros(1, 4).double(),
+        LossSettings(objective="ppo", entropy_coefficient=0.0),
+    )
+    assert (found - abs(advantage)).tolist() == pytest.approx([loss] * 4)  # L_V is |ADV|
+
+
+def test_all_actions_earn_their_expected_reward_and_the_spacing_its_own():
+    """x, y, z: -(4/2 + 2/4 + 0/8 - 2/16 - 4/16) = -2.125; d: 2 ln 2 ADV, choice 1 of the halving policy, ADV = 3."""
+    rollout = replace(
+        scripted_rollout([0, 0], (3.0,), [1], steps=1),
+        counterfactual_reward_m=torch.tensor([4.0, 2, 0, -2, -4]).double().expand(1, 1, 3, 5),
+    )
+    settings = LossSettings(objective="all_actions", entropy_coefficient=0.0)
+    found = actor_critic_loss(
+        rollout.logits, torch.zeros(1, 1, 4).double(), rollout, torch.zeros(1, 4).double(), settings
+    )
+    assert (found - 3).tolist() == pytest.approx([6 * LN2, -2.125, -2.125, -2.125])
+
+
+def test_counterfactual_regression_by_hand():
+    """Two steps, temperature 1/2 m: predictions are half the logits; errors count in units of 4 m."""
+    rollout = replace(
+        scripted_rollout([0, 0, 0], (1.0, 3.0), [2, 0], steps=2),
+        counterfactual_reward_m=torch.tensor([4.0, 2, 0, -2, -4]).double().expand(2, 1, 3, 5),
+    )
+    logits = torch.zeros(2, 1, 4, 5, dtype=torch.float64)
+    logits[0, 0, 0, 2] = 2.0  # the spacing's chosen output says 1 m; the movement after wins 3 m
+    logits[1, 0, 0] = 100.0  # the last step's has no movement after it
+    logits[:, :, 2] = torch.tensor([8.0, 4, 0, -4, -8])  # y is right
+    logits[:, :, 3, 0] = 8.0  # z is right in its first choice alone
+    loss = counterfactual_loss(logits, rollout, LossSettings(objective="counterfactual", temperature_m=0.5))
+    x = (16 + 4 + 0 + 4 + 16) / 5 / 16
+    assert loss.tolist() == pytest.approx([4 / 16, x, 0, (4 + 0 + 4 + 16) / 5 / 16])
+
+
+def test_counterfactual_regression_leaves_out_what_came_after_a_chases_end():
+    long = replace(scripted_rollout([0] * 4, (1.0, 3.0, 2.0), [2, 0, 1], steps=3))
+    short = scripted_rollout([0] * 4, (1.0, 1e6, 1e6), [2, 0, 1], steps=1)
+    short = replace(
+        short,
+        counterfactual_reward_m=short.counterfactual_reward_m + torch.tensor([4.0, 1e6, 1e6])[:, None, None, None],
+    )
+    both = together(long, short)
+    settings = LossSettings(objective="counterfactual")
+    loss = counterfactual_loss(torch.zeros(3, 2, 4, 5).double(), both, settings)
+    # Spacing: only the long chase's two steps are followed, by 3 m and 2 m. Axes: the long one's are right.
+    assert loss.tolist() == pytest.approx([(9 + 4) / 2 / 16, *[(0 + 16) / 2 / 16] * 3])

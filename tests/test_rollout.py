@@ -15,7 +15,7 @@ from swarmchase.streams import ChaseStreams, chase_keys
 from swarmchase.training.agent import AgentSnapshot, LocalAgent
 from swarmchase.training.losses import LossSettings, rollout_loss
 from swarmchase.training.rollout import Rollout, collect
-from swarmchase.training.settings import A3CSettings, training_seed
+from swarmchase.training.settings import TrainingSettings, training_seed
 
 NEAR = paper_scenario(start_distance_m=6.0, success_radius_m=4.0, max_movements=7, window_samples=3)
 """Chases that end both ways, soon."""
@@ -106,16 +106,25 @@ def test_reaching_at_the_last_movement_is_termination_alone():
 
 
 def local_agent(index=0, num_agents=3, interval=2, chases_per_agent=1):
-    settings = A3CSettings(num_agents=num_agents, chases_per_agent=chases_per_agent, update_interval=interval, seed=6)
+    settings = TrainingSettings(
+        num_agents=num_agents, chases_per_agent=chases_per_agent, update_interval=interval, seed=6
+    )
     agent = LocalAgent(NEAR, settings, index)
     agent.local.networks.load_state_dict(new_networks().state_dict())
     return agent
 
 
+def work(agent):
+    """One rollout and its gradient; the movements made."""
+    rollout = agent.play()
+    agent.compute_gradient(rollout)
+    return int(rollout.valid.sum())
+
+
 def test_an_agent_takes_every_nth_chase_and_books_it_as_played():
     agent, finished = local_agent(index=1), []
     for update in range(40):
-        movements = agent.compute_gradient()
+        movements = work(agent)
         assert 1 <= movements <= 2
         finished.extend(agent.finished_chases(update))
     assert [chase.chase for chase in finished] == [1 + 3 * k for k in range(len(finished))]
@@ -134,7 +143,7 @@ def test_an_agent_with_several_chases_plays_each_as_if_alone():
     """Agent 1 of 3 with two chases each begins with the chases 2 and 3; each is followed by the one 6 further on."""
     agent, finished, movements = local_agent(index=1, chases_per_agent=2), [], 0
     for update in range(40):
-        movements += agent.compute_gradient()
+        movements += work(agent)
         finished.extend(agent.finished_chases(update))
     numbers = sorted(chase.chase for chase in finished)
     assert {number % 6 for number in numbers} == {2, 3}
@@ -148,10 +157,10 @@ def test_an_agent_with_several_chases_plays_each_as_if_alone():
 
 def test_the_gradient_of_several_chases_is_the_mean_of_each_alone():
     together = local_agent(num_agents=1, chases_per_agent=3)
-    together.compute_gradient()
+    work(together)
     alone = [local_agent(index=index) for index in range(3)]
     for agent in alone:
-        agent.compute_gradient()
+        work(agent)
     mean = torch.stack([agent.local.gradient for agent in alone]).mean(dim=0)
     torch.testing.assert_close(together.local.gradient, mean, rtol=1e-4, atol=1e-6)
     assert mean.abs().max() > 0.01
@@ -161,7 +170,7 @@ def test_an_agents_gradient_is_that_of_its_losses():
     agent = local_agent(interval=3)
     networks, (environment, state, streams) = new_networks(), start([0])
     for _ in range(2):
-        agent.compute_gradient()
+        work(agent)
         rollout, state = collect(environment, networks, state, streams, 3)
         networks.zero_grad()
         rollout_loss(networks, rollout, LossSettings()).sum().backward()
@@ -177,7 +186,7 @@ def test_the_same_rollout_again_gives_the_same_gradient_and_not_its_double():
     gradients = []
     for _ in range(3):
         agent.restore(before)
-        agent.compute_gradient()
+        work(agent)
         gradients.append(agent.local.gradient.clone())
     assert gradients[0].abs().max() > 0
     assert torch.equal(gradients[1], gradients[0])
@@ -188,14 +197,14 @@ def test_the_same_rollout_again_gives_the_same_gradient_and_not_its_double():
 def test_a_snapshot_written_down_goes_on_exactly(updates):
     agent = local_agent()
     for update in range(updates):
-        agent.compute_gradient()
+        work(agent)
         agent.finished_chases(update)
     snapshot = agent.snapshot()
     arrays = {name: array.copy() for name, array in snapshot.arrays.items()}
     restored = local_agent()
     restored.restore(AgentSnapshot(arrays, json.loads(json.dumps(snapshot.streams))))
     for update in range(12):
-        assert restored.compute_gradient() == agent.compute_gradient()
+        assert work(restored) == work(agent)
         assert torch.equal(restored.local.gradient, agent.local.gradient)
         assert restored.finished_chases(update) == agent.finished_chases(update)
         assert torch.equal(restored.progress.number, agent.progress.number)
@@ -203,10 +212,10 @@ def test_a_snapshot_written_down_goes_on_exactly(updates):
 
 def test_a_snapshot_does_not_change_with_its_agent():
     agent = local_agent()
-    agent.compute_gradient()
+    work(agent)
     snapshot = agent.snapshot()
     kept = {name: array.copy() for name, array in snapshot.arrays.items()}, json.dumps(snapshot.streams)
-    agent.compute_gradient()
+    work(agent)
     assert json.dumps(snapshot.streams) == kept[1]
     for name, array in snapshot.arrays.items():
         assert (array == kept[0][name]).all()

@@ -1,4 +1,4 @@
-"""The command line: ``swarmchase chase | evaluate | train a3c | benchmark ...``.
+"""The command line: ``swarmchase chase | evaluate | train a3c | train batched | benchmark ...``.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
 ``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
@@ -18,7 +18,7 @@ from .commands.benchmark import BenchmarkChannelCommand, BenchmarkEnvironmentCom
 from .commands.chase import ChaseCommand
 from .commands.evaluate import EvaluateCommand
 from .commands.terminal import CONSOLE
-from .commands.train import TrainA3CCommand
+from .commands.train import TrainA3CCommand, TrainBatchedCommand
 from .errors import InputError, WorkerDiedError
 
 DESCRIPTION = """Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength.
@@ -38,6 +38,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "chase": ChaseCommand,
     "evaluate": EvaluateCommand,
     "train a3c": TrainA3CCommand,
+    "train batched": TrainBatchedCommand,
     "benchmark channel": BenchmarkChannelCommand,
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,

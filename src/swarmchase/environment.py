@@ -68,9 +68,15 @@ class Environment:
         self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
 
-    def reset(self, keys: list[ChaseKey]) -> State:
-        """The start of these chases: the target drawn on its sphere, the swarm hovering, its first window heard."""
-        target_position_m = draw_target_position_m(self.scenario, keys).to(self._device)
+    def reset(self, keys: list[ChaseKey], nearness: Float[Tensor, "chase"] | None = None) -> State:
+        """The start of these chases: the target drawn on its sphere, the swarm hovering, its first window heard.
+
+        ``nearness`` puts each target at this share of its distance: training may begin anywhere.
+        """
+        target_position_m = draw_target_position_m(self.scenario, keys)
+        if nearness is not None:
+            target_position_m = target_position_m * nearness[:, None]
+        target_position_m = target_position_m.to(self._device)
         center_m = torch.zeros_like(target_position_m)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
         fading = self._fading.begin(keys)
@@ -145,6 +151,16 @@ def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
     """|O_t - U|."""
     distance_m: Tensor = torch.linalg.vector_norm(state.center_m - state.target_position_m, dim=1)
     return distance_m
+
+
+def counterfactual_reward_m(scenario: Scenario, state: State) -> Float[Tensor, "chase 3 choice"]:
+    """The distance R^x, R^y, R^z (Eq. 8) that each displacement of A^x, A^y, A^z would win here, float64.
+
+    The simulator knows the target, so it knows the reward of every choice and not only of the one taken.
+    """
+    remaining_m = state.target_position_m - state.center_m
+    choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=remaining_m.device)
+    return remaining_m.abs()[..., None] - (remaining_m[..., None] - choices_m).abs()
 
 
 def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:

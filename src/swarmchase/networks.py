@@ -56,6 +56,7 @@ class ActorCritic(nn.Module):
 
     def __init__(self, first_axis: int) -> None:
         super().__init__()
+        self.product_dtype = torch.float32
         weight, bias = input_map(first_axis)
         self.register_buffer("input_weight", weight, persistent=False)
         self.register_buffer("input_bias", bias, persistent=False)
@@ -73,23 +74,44 @@ class ActorCritic(nn.Module):
         self, rssi_dbm: Float[Tensor, "chase sample 6"]
     ) -> tuple[Float[Tensor, "chase 5"], Float[Tensor, "chase"]]:
         """Policy logits and value in metres."""
-        features = self.features(rssi_dbm)
-        return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
+        return self.heads(self.features(self.scaled(rssi_dbm)))
 
-    def features(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 128"]:
-        """What both heads see: the last hidden state after the two linear layers."""
-        scaled = nn.functional.linear(rssi_dbm, self.input_weight, self.input_bias)
-        hidden, _ = self.lstm(scaled)
-        features: Tensor = self.linear(hidden[:, -1])
-        return features
+    def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 5"]:
+        """The policy alone, for acting."""
+        logits: Tensor = self.policy_head(self.features(self.scaled(rssi_dbm)))
+        return logits
+
+    def scaled(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase sample 6"]:
+        """The window through the input map."""
+        return nn.functional.linear(rssi_dbm, self.input_weight, self.input_bias)
+
+    def features(self, scaled: Float[Tensor, "row sample 6"]) -> Float[Tensor, "row 128"]:
+        """What both heads see: the last hidden state after the two linear layers.
+
+        The products of these layers may be bfloat16; the input map's never are: -60 dBm would be rounded to a
+        quarter of a decibel.
+        """
+        with torch.autocast(scaled.device.type, self.product_dtype, enabled=self.product_dtype != torch.float32):
+            hidden, _ = self.lstm(scaled)
+            features: Tensor = self.linear(hidden[:, -1])
+        return features.to(scaled.dtype)
+
+    def heads(self, features: Float[Tensor, "row 128"]) -> tuple[Float[Tensor, "row 5"], Float[Tensor, "row"]]:
+        """Policy logits and value in metres of these features."""
+        return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
 
 
 class SwarmNetworks(nn.Module):
     """theta^d, theta^x, theta^y and theta^z, four networks that share nothing."""
 
-    def __init__(self, generator: torch.Generator | None = None) -> None:
-        """``generator`` draws the initial weights; without it they are left for a file to fill."""
+    def __init__(self, generator: torch.Generator | None = None, policy_scale: float = 1.0) -> None:
+        """``generator`` draws the initial weights; without it they are left for a file to fill.
+
+        Logits are the policy heads' outputs times ``policy_scale``, as values are the value heads' times
+        ``VALUE_SCALE_M``; ``with_policy_scale`` moves it into the weights.
+        """
         super().__init__()
+        self.policy_scale = policy_scale
         with torch.random.fork_rng(devices=[]):
             self.by_name = nn.ModuleDict(
                 {name: ActorCritic(first_axis=max(0, axis - 1)) for axis, name in enumerate(NETWORK_NAMES)}
@@ -102,12 +124,86 @@ class SwarmNetworks(nn.Module):
     ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase 4"]]:
         """Policy logits and values in metres of the four networks, in the order d, x, y, z."""
         logits, values = zip(*(network(rssi_dbm) for network in self.by_name.values()), strict=True)
-        return torch.stack(logits, dim=1), torch.stack(values, dim=1)
+        return self.policy_scale * torch.stack(logits, dim=1), torch.stack(values, dim=1)
 
     def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
         """The policies alone, for acting."""
         networks = (network for network in self.by_name.values() if isinstance(network, ActorCritic))
-        return torch.stack([network.policy_head(network.features(rssi_dbm)) for network in networks], dim=1)
+        return self.policy_scale * torch.stack([network.policy_logits(rssi_dbm) for network in networks], dim=1)
+
+
+class SymmetricNetworks(nn.Module):
+    """theta^d, and one network in the place of theta^x, theta^y and theta^z, which hears the window from each axis.
+
+    The three axes are images of one another, so one network may learn from all three: three times the data.
+    ``separate`` gives the paper's four networks that decide as this does.
+    """
+
+    view_weight: Tensor
+    view_bias: Tensor
+
+    def __init__(self, networks: SwarmNetworks) -> None:
+        """Begins as the x network of ``networks``, with their spacing network and policy scale."""
+        super().__init__()
+        self.policy_scale = networks.policy_scale
+        self.spacing, self.axis = (_of_name(networks, name) for name in ("d", "x"))
+        maps = [input_map(axis) for axis in range(3)]
+        self.register_buffer("view_weight", torch.cat([weight for weight, _ in maps]), persistent=False)
+        self.register_buffer("view_bias", torch.cat([bias for _, bias in maps]), persistent=False)
+
+    def forward(
+        self, rssi_dbm: Float[Tensor, "chase sample 6"]
+    ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase 4"]]:
+        """As ``SwarmNetworks.forward``."""
+        spacing_logits, spacing_value = self.spacing(rssi_dbm)
+        axis_logits, axis_value = self.axis.heads(self._axis_features(rssi_dbm))
+        logits = torch.cat([spacing_logits[:, None], _by_chase(axis_logits)], dim=1)
+        return self.policy_scale * logits, torch.cat([spacing_value[:, None], _by_chase(axis_value)], dim=1)
+
+    def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
+        """As ``SwarmNetworks.policy_logits``."""
+        axis_logits = _by_chase(self.axis.policy_head(self._axis_features(rssi_dbm)))
+        return self.policy_scale * torch.cat([self.spacing.policy_logits(rssi_dbm)[:, None], axis_logits], dim=1)
+
+    def _axis_features(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "row 128"]:
+        """Of the x axis for every chase, then of y, then of z."""
+        views = nn.functional.linear(rssi_dbm, self.view_weight, self.view_bias)
+        return self.axis.features(views.view(*rssi_dbm.shape[:2], 3, -1).movedim(2, 0).flatten(0, 1).contiguous())
+
+    def separate(self) -> SwarmNetworks:
+        """The four networks of the paper with these weights."""
+        networks = SwarmNetworks(policy_scale=self.policy_scale)
+        _of_name(networks, "d").load_state_dict(self.spacing.state_dict())
+        for name in ("x", "y", "z"):
+            _of_name(networks, name).load_state_dict(self.axis.state_dict())
+        return networks
+
+
+def _by_chase(rows: Float[Tensor, "row ..."]) -> Float[Tensor, "chase 3 ..."]:
+    """Rows of the x axis for every chase, then of y and of z, as one axis of three."""
+    return rows.reshape(3, -1, *rows.shape[1:]).transpose(0, 1)
+
+
+Networks = SwarmNetworks | SymmetricNetworks
+"""What a trainer may train."""
+
+
+def _of_name(networks: SwarmNetworks, name: str) -> ActorCritic:
+    network = networks.by_name[name]
+    assert isinstance(network, ActorCritic)
+    return network
+
+
+def with_policy_scale(networks: SwarmNetworks, policy_scale: float) -> SwarmNetworks:
+    """Networks with the same policies and another ``policy_scale``; the policy heads' weights make up for it."""
+    scaled = SwarmNetworks(policy_scale=policy_scale)
+    scaled.load_state_dict(networks.state_dict())
+    with torch.no_grad():
+        for name in NETWORK_NAMES:
+            head = _of_name(scaled, name).policy_head
+            for parameter in (head.weight, head.bias):
+                parameter.mul_(networks.policy_scale / policy_scale)
+    return scaled
 
 
 def initialise(networks: SwarmNetworks, generator: torch.Generator) -> None:
@@ -149,7 +245,7 @@ def _initialise_lstm_layer(lstm: nn.LSTM, layer: int, generator: torch.Generator
     bias[output_gate] = INITIAL_OUTPUT_GATE_BIAS
 
 
-def greedy_choice(logits: Float[Tensor, "chase 4 5"]) -> Int[Tensor, "chase 4"]:
+def greedy_choice(logits: Float[Tensor, "... 5"]) -> Int[Tensor, "..."]:
     """The most likely choice of each policy."""
     return logits.argmax(dim=-1)
 

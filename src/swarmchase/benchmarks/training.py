@@ -15,7 +15,7 @@ from ..scenario import Scenario, paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters
 from ..training.parameters import FlatNetworks
-from ..training.settings import A3CSettings
+from ..training.settings import TrainingSettings
 from ..training.worker import make_global_agent, work_once
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def table(result: dict[str, Any]) -> "Table":
 
 def _steps_per_s(num_workers: int, updates: int) -> float:
     context: Any = torch.multiprocessing.get_context("spawn")
-    settings = A3CSettings(num_agents=num_workers)
+    settings = TrainingSettings(num_agents=num_workers)
     shared = SharedParameters.start(FlatNetworks(SwarmNetworks(torch.Generator().manual_seed(0))).vector)
     lock, ready, mailbox = context.Lock(), context.Barrier(num_workers), context.SimpleQueue()
     processes = [
@@ -77,7 +77,7 @@ def _steps_per_s(num_workers: int, updates: int) -> float:
 
 def _worker(
     scenario: Scenario,
-    settings: A3CSettings,
+    settings: TrainingSettings,
     shared: SharedParameters,
     lock: Any,
     ready: Any,

@@ -1,33 +1,35 @@
-"""``swarmchase train a3c``: train the four networks as the paper does."""
+"""``swarmchase train a3c | batched``: train the four networks as the paper does, or in one process on large batches."""
 
+import contextlib
 import dataclasses
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from ..scenario import Scenario
 from .options import ScenarioOptions
 from .terminal import CONSOLE, print_json, progress_bar
 
 Schedule = Literal["processes", "deterministic"]
+Precision = Literal["float32", "bfloat16"]
 """As in ``training.settings``, which is slow to import: it needs torch."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainA3CCommand(ScenarioOptions):
-    """Train the paper's four networks by asynchronous advantage actor-critic (Algorithm 1). Ctrl-C stops it cleanly."""
+class _TrainOptions:
+    """What both trainers can be told."""
 
     folder: Path
     """Folder of the run: best.safetensors, resume.safetensors, training.jsonl and TensorBoard events."""
-    preset: str = "paper"
-    """paper is Table I exactly; the options below change it."""
     resume: bool = False
     """Go on with the run in the folder; give the same options as before."""
-    schedule: Schedule = "processes"
-    """Asynchronous processes, or the same agents in turn in one process, which is bit-reproducible."""
+    initial_weights: Path | None = None
+    """Begin from this weights file instead of drawing the weights anew."""
     learning_rate: float | None = None
     """Adam's learning rate."""
-    agents: int | None = None
-    """Local agents."""
+    final_learning_rate: float | None = None
+    """The rate falls linearly to this."""
     chases_per_agent: int | None = None
     """Chases each local agent plays at a time; the paper's agents play one."""
     updates: int | None = None
@@ -45,20 +47,24 @@ class TrainA3CCommand(ScenarioOptions):
     json: bool = False
     """Print how the run ended as one JSON object on standard output."""
 
-    def run(self) -> None:
-        """Train and report."""
-        from ..training.a3c import train_a3c
-        from ..training.run import TrainingStatus
-        from ..training.settings import a3c_preset
+    def changes(self) -> dict[str, Any]:
+        """The settings that differ from the preset's."""
+        given = {
+            "initial_weights": None if self.initial_weights is None else str(self.initial_weights),
+            "learning_rate": self.learning_rate,
+            "final_learning_rate": self.final_learning_rate,
+            "chases_per_agent": self.chases_per_agent,
+            "max_updates": self.updates,
+            "seed": self.seed,
+            "evaluation_interval": self.evaluation_interval,
+            "evaluation_chases": self.evaluation_chases,
+            "stop_at_p90": self.stop_at_p90,
+            "checkpoint_interval": self.checkpoint_interval,
+        }
+        return {name: value for name, value in given.items() if value is not None}
 
-        settings = dataclasses.replace(a3c_preset(self.preset), **self.changes())
-        scenario = self.scenario()
-        with progress_bar("updates", settings.max_updates, "steps/s") as show:
-
-            def progress(status: TrainingStatus) -> None:
-                show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
-
-            result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
+    def report(self, result: Any) -> None:
+        """Say how the run ended, draw its learning curves."""
         CONSOLE.print(
             f"Training {result.stopped}: {result.updates} updates, {result.environment_steps} environment steps."
         )
@@ -80,20 +86,86 @@ class TrainA3CCommand(ScenarioOptions):
         draw_training(read_log(self.folder, "chase"), read_log(self.folder, "evaluation"), picture)
         CONSOLE.print(f"Learning curves: {picture}", markup=False, soft_wrap=True)
 
-    def changes(self) -> dict[str, Any]:
-        """The settings that differ from the preset's."""
-        given = {
-            "learning_rate": self.learning_rate,
-            "num_agents": self.agents,
-            "chases_per_agent": self.chases_per_agent,
-            "max_updates": self.updates,
-            "seed": self.seed,
-            "evaluation_interval": self.evaluation_interval,
-            "evaluation_chases": self.evaluation_chases,
-            "stop_at_p90": self.stop_at_p90,
-            "checkpoint_interval": self.checkpoint_interval,
-        }
-        return {name: value for name, value in given.items() if value is not None}
+
+@dataclass(frozen=True, kw_only=True)
+class TrainA3CCommand(ScenarioOptions, _TrainOptions):
+    """Train the paper's four networks by asynchronous advantage actor-critic (Algorithm 1). Ctrl-C stops it cleanly."""
+
+    preset: str = "paper"
+    """paper is Table I exactly; the options below change it."""
+    schedule: Schedule = "processes"
+    """Asynchronous processes, or the same agents in turn in one process, which is bit-reproducible."""
+    agents: int | None = None
+    """Local agents."""
+
+    def run(self) -> None:
+        """Train and report."""
+        from ..training.a3c import train_a3c
+        from ..training.settings import preset
+
+        agents: dict[str, Any] = {} if self.agents is None else {"num_agents": self.agents}
+        settings = dataclasses.replace(preset(self.preset), **self.changes(), **agents)
+        scenario = self.scenario()
+        with _progress(settings.max_updates) as progress:
+            result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
+        self.report(result)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainBatchedCommand(_TrainOptions):
+    """Train the four networks in one process, on many chases at a time, for one setting or for several at once."""
+
+    preset: str = "counterfactual"
+    """a2c, ppo, all-actions or counterfactual; the options below change it."""
+    sampling_hz: tuple[float, ...] = (10.0,)
+    """F, RSSI samples a second; several train one set of networks for all of them."""
+    spatial_correlation: tuple[float, ...] = (0.9,)
+    """rho, correlation between trackers; with several of both, every pair."""
+    scenario_file: Path | None = None
+    """A TOML file with any other fields of the scenario; what it does not name is Table I."""
+    precision: Precision | None = None
+    """Of the networks' products; parameters and Adam are float32 either way."""
+    threads: int = 2
+    """Threads of the networks' products."""
+    device: str = "cpu"
+    """cpu, or cuda where PyTorch sees a GPU."""
+
+    def run(self) -> None:
+        """Train and report."""
+        from ..training.batched import train_batched
+        from ..training.settings import preset
+
+        precision: dict[str, Any] = {} if self.precision is None else {"precision": self.precision}
+        settings = dataclasses.replace(preset(self.preset), **self.changes(), **precision)
+        with _progress(settings.max_updates) as progress:
+            result = train_batched(
+                self.scenarios(), settings, self.folder, self.resume, progress, self.threads, self.device
+            )
+        self.report(result)
+
+    def scenarios(self) -> list[Scenario]:
+        """Every pair of F and rho.
+
+        Raises:
+            InputError: a value or file that is refused.
+        """
+        return [
+            ScenarioOptions(
+                sampling_hz=sampling_hz, spatial_correlation=correlation, scenario_file=self.scenario_file
+            ).scenario()
+            for correlation in self.spatial_correlation
+            for sampling_hz in self.sampling_hz
+        ]
+
+
+@contextlib.contextmanager
+def _progress(max_updates: int) -> "Iterator[Callable[[Any], None]]":
+    with progress_bar("updates", max_updates, "steps/s") as show:
+
+        def progress(status: Any) -> None:
+            show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
+
+        yield progress
 
 
 def _rate(environment_steps: int, seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""A local agent: its own copy of the networks, its own chases, one rollout and one gradient at a time (Algorithm 1)."""
+"""A local agent: its own copy of the networks, its own chases, one rollout and its gradient at a time (Algorithm 1)."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 from ..array_types import Bool, Float, Int
 from ..batching import join_chases, pack, select_chases, unpack
 from ..environment import Environment, State
-from ..networks import NETWORK_NAMES, SwarmNetworks
+from ..networks import NETWORK_NAMES
 from ..scenario import Scenario
 from ..streams import ChaseKey, ChaseStreams
 from .losses import rollout_loss
-from .parameters import FlatNetworks
-from .rollout import collect
-from .settings import A3CSettings, training_seed
+from .parameters import FlatNetworks, new_networks
+from .rollout import Rollout, collect
+from .settings import TrainingSettings, training_seed
+
+NEAREST_START = 1 / 40
+"""Share of the distance at which a chase with a varied start may begin."""
 
 
 @dataclass(frozen=True)
@@ -66,23 +69,33 @@ class LocalAgent:
     N C further on. The process trainer, the deterministic schedule and the cluster all run this same class.
     """
 
-    def __init__(self, scenario: Scenario, settings: A3CSettings, index: int) -> None:
-        self.local = FlatNetworks(SwarmNetworks())
+    def __init__(
+        self, scenario: Scenario, settings: TrainingSettings, index: int, device: torch.device | str = "cpu"
+    ) -> None:
+        self.local = FlatNetworks(new_networks(settings).to(device))
+        self._device = torch.device(device)
         self._index = index
         self._settings = settings
-        self._environment = Environment(scenario)
+        self._environment = Environment(scenario, device)
         first = index * settings.chases_per_agent
         self.progress = self._begun(list(range(first, first + settings.chases_per_agent)))
 
-    def compute_gradient(self) -> int:
-        """Play up to T movements and leave their losses' gradient in ``local.gradient``; returns the movements made."""
+    @property
+    def passes_per_rollout(self) -> int:
+        """Gradients to be made of each rollout."""
+        return self._settings.passes_per_rollout
+
+    def play(self) -> Rollout:
+        """Play up to T movements with the local networks."""
         before = self.progress
         rollout, state = collect(
-            self._environment, self.local.networks, before.state, before.streams, self._settings.update_interval
+            self._environment,
+            self.local.networks,
+            before.state,
+            before.streams,
+            self._settings.update_interval,
+            self._settings.spacing_exploration,
         )
-        self.local.gradient.zero_()
-        loss = rollout_loss(self.local.networks, rollout, self._settings.losses)
-        loss.sum().backward()  # type: ignore[no-untyped-call]
         self.progress = replace(
             before,
             state=state,
@@ -91,7 +104,16 @@ class LocalAgent:
             reached=rollout.reached,
             truncated=rollout.truncated,
         )
-        return int(rollout.valid.sum())
+        return rollout
+
+    def compute_gradient(self, rollout: Rollout) -> None:
+        """Leave the gradient of a rollout's losses in ``local.gradient``."""
+        self.local.gradient.zero_()
+        loss = rollout_loss(self.local.networks, rollout, self._settings.losses)
+        loss.sum().backward()  # type: ignore[no-untyped-call]
+        if self._settings.max_gradient_norm is not None:
+            norm = torch.linalg.vector_norm(self.local.gradient)
+            self.local.gradient *= (self._settings.max_gradient_norm / norm).clamp(max=1)
 
     def finished_chases(self, update: int) -> list[FinishedChase]:
         """The chases that the last rollout ended; the next ones then stand in their place."""
@@ -110,7 +132,7 @@ class LocalAgent:
     def snapshot(self) -> AgentSnapshot:
         """Where this agent stands between two rollouts."""
         tensors, positions = pack(self.progress, self._prefix)
-        return AgentSnapshot({name: tensor.numpy().copy() for name, tensor in tensors.items()}, positions)
+        return AgentSnapshot({name: tensor.cpu().numpy().copy() for name, tensor in tensors.items()}, positions)
 
     def restore(self, snapshot: AgentSnapshot) -> None:
         """Go on where a snapshot was taken.
@@ -118,7 +140,7 @@ class LocalAgent:
         Raises:
             InputError: the snapshot lacks something.
         """
-        tensors = {name: torch.from_numpy(array) for name, array in snapshot.arrays.items()}
+        tensors = {name: torch.from_numpy(array).to(self._device) for name, array in snapshot.arrays.items()}
         self.progress = unpack(self.progress, self._prefix, tensors, snapshot.streams)
 
     @property
@@ -127,13 +149,14 @@ class LocalAgent:
 
     def _begun(self, numbers: list[int]) -> Progress:
         keys: list[ChaseKey] = [(training_seed(self._settings.seed), number) for number in numbers]
-        nothing = torch.zeros(len(keys), dtype=torch.bool)
+        nothing = torch.zeros(len(keys), dtype=torch.bool, device=self._device)
+        streams = ChaseStreams.of(keys, "policy")
         return Progress(
-            number=torch.tensor(numbers),
-            state=self._environment.reset(keys),
-            streams=ChaseStreams.of(keys, "policy"),
-            movements=torch.zeros(len(keys), dtype=torch.int64),
-            reward_m=torch.zeros(len(keys), len(NETWORK_NAMES), dtype=torch.float64),
+            number=torch.tensor(numbers, device=self._device),
+            state=self._environment.reset(keys, _nearness(streams) if self._settings.varied_start else None),
+            streams=streams,
+            movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
+            reward_m=torch.zeros(len(keys), len(NETWORK_NAMES), dtype=torch.float64, device=self._device),
             reached=nothing,
             truncated=nothing,
         )
@@ -149,3 +172,9 @@ class LocalAgent:
             reached=bool(progress.reached[row]),
             reward_m=(d, x, y, z),
         )
+
+
+def _nearness(streams: ChaseStreams) -> Float[torch.Tensor, "chase"]:
+    """1 for half of the chases, log-uniform from a fortieth to 1 for the others."""
+    uniform = streams.uniform(1)[:, 0]
+    return NEAREST_START ** (2 * uniform - 1).clamp(min=0)

@@ -1,19 +1,20 @@
 """The auxiliary agent: evaluates on fixed chases while training goes on, keeps the best weights, says when to stop."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from ..chases import nearest_rank_percentile, run_chases
+from ..chases import ChaseResult, nearest_rank_percentile, run_chases
 from ..controllers.learned import LearnedController
 from ..controllers.weights import save_weights
-from ..networks import SwarmNetworks
+from ..networks import Networks, SwarmNetworks
 from ..scenario import Scenario
 from .global_agent import SharedParameters
-from .parameters import FlatNetworks
-from .settings import A3CSettings, training_seed
+from .parameters import FlatNetworks, deployed, new_networks
+from .settings import Schedule, TrainingSettings, training_seed
 
 BEST_WEIGHTS = "best.safetensors"
 LAST_WEIGHTS = "last.safetensors"
@@ -22,12 +23,14 @@ LAST_WEIGHTS = "last.safetensors"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the networks can do after so many updates."""
+    """What the networks can do after so many updates; of several scenarios each figure is their mean."""
 
     update: int
     movements_mean: float
     movements_p90: float
     success_rate: float
+    p90_by_scenario: Sequence[float]
+    """The 90th percentile in each scenario."""
 
     @property
     def order(self) -> tuple[float, float]:
@@ -35,41 +38,72 @@ class Evaluation:
         return self.movements_p90, self.movements_mean
 
 
-def weights_configuration(scenario: Scenario, settings: A3CSettings, update: int) -> dict[str, Any]:
+def weights_configuration(
+    scenarios: Sequence[Scenario], settings: TrainingSettings, schedule: Schedule, update: int
+) -> dict[str, Any]:
     """What a weights file says of its making."""
-    return {"method": "a3c", "scenario": scenario.to_dict(), "settings": settings.to_dict(), "update": update}
+    return {
+        "scenarios": [scenario.to_dict() for scenario in scenarios],
+        "settings": settings.to_dict(),
+        "schedule": schedule,
+        "action_choice": settings.action_choice,
+        "update": update,
+    }
+
+
+def save_trained_weights(path: Path, networks: Networks, configuration: dict[str, Any]) -> None:
+    """Write the trained networks as the paper's four, in float16."""
+    save_weights(path, deployed(networks), configuration, torch.float16)
 
 
 class Evaluator:
-    """Evaluates snapshots of the global parameters with sampled actions."""
+    """Evaluates snapshots of the global parameters."""
 
-    def __init__(self, scenario: Scenario, settings: A3CSettings, folder: Path, best: Evaluation | None) -> None:
-        self._scenario = scenario
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        settings: TrainingSettings,
+        schedule: Schedule,
+        folder: Path,
+        best: Evaluation | None,
+    ) -> None:
+        self._scenarios = scenarios
         self._settings = settings
+        self._schedule = schedule
         self._folder = folder
-        self._flat = FlatNetworks(SwarmNetworks())
+        self._flat = FlatNetworks(new_networks(settings))
         self.best = best
 
     def evaluate(self, snapshot: SharedParameters) -> Evaluation:
         """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
         self._flat.vector.copy_(snapshot.vector)
-        controller = LearnedController(self._scenario, self._flat.networks, "in training")
-        # The chases are fixed and of a seed of their own: neither the training's nor one that a person types.
-        seed = training_seed(self._settings.seed) + (1 << 61)
-        rows = list(run_chases(self._scenario, controller, seed, range(self._settings.evaluation_chases)))
-        movements = [row.movements for row in rows]
+        networks = deployed(self._flat.networks)
+        tables = [self._chases(scenario, networks) for scenario in self._scenarios]
+        movements = [[float(row.movements) for row in rows] for rows in tables]
+        percentiles = [nearest_rank_percentile(values, 90) for values in movements]
         evaluation = Evaluation(
             update=int(snapshot.updates),
-            movements_mean=sum(movements) / len(movements),
-            movements_p90=nearest_rank_percentile(movements, 90),
-            success_rate=sum(row.reached for row in rows) / len(rows),
+            movements_mean=_mean([_mean(values) for values in movements]),
+            movements_p90=_mean(percentiles),
+            success_rate=_mean([_mean([float(row.reached) for row in rows]) for rows in tables]),
+            p90_by_scenario=percentiles,
         )
         if self.best is None or evaluation.order < self.best.order:
             self.best = evaluation
-            configuration = weights_configuration(self._scenario, self._settings, evaluation.update)
-            save_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration, torch.float16)
+            configuration = weights_configuration(self._scenarios, self._settings, self._schedule, evaluation.update)
+            save_trained_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
         return evaluation
+
+    def _chases(self, scenario: Scenario, networks: SwarmNetworks) -> list[ChaseResult]:
+        controller = LearnedController(scenario, networks, "in training", self._settings.action_choice)
+        # The chases are fixed and of a seed of their own: neither the training's nor one that a person types.
+        seed = training_seed(self._settings.seed) + (1 << 61)
+        return list(run_chases(scenario, controller, seed, range(self._settings.evaluation_chases)))
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:
         """Whether training may stop early."""
         return self._settings.stop_at_p90 is not None and evaluation.movements_p90 <= self._settings.stop_at_p90
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)

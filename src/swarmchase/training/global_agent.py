@@ -4,6 +4,7 @@ All of its state lies in shared memory, so that any process can hand in a gradie
 is that of one serial Adam. Adam's state is filled in beforehand: left to itself each process would make its own.
 """
 
+import dataclasses
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
@@ -28,8 +29,11 @@ class SharedParameters:
         """Before the first update."""
         return cls(vector.clone(), torch.zeros_like(vector), torch.zeros_like(vector), torch.zeros(())).shared()
 
-    def shared(self) -> "SharedParameters":
-        """The same tensors, moved to shared memory."""
+    def shared(self, device: str = "cpu") -> "SharedParameters":
+        """The same tensors where all agents reach them: in shared memory, or on the device of a single process."""
+        if device != "cpu":
+            moved = {part.name: getattr(self, part.name).to(device) for part in dataclasses.fields(self)}
+            return SharedParameters(**moved)
         for tensor in (self.vector, self.first_moment, self.second_moment, self.updates):
             tensor.share_memory_()  # type: ignore[no-untyped-call]
         return self

@@ -4,17 +4,31 @@ Axes are [step, chase, network], networks in the order d, x, y, z. A chase that 
 steps invalid; they count nowhere.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import torch
 
-from ..array_types import Bool, Float, Int, Tensor
+from ..array_types import Bool, Float, Tensor
 from ..errors import InputError
-from ..networks import SwarmNetworks
+from ..networks import Networks
 from .rollout import Rollout
 
+DISPLACEMENT_SCALE_M = 4.0
+"""The unit of rewards in counterfactual regression: the longest displacement on an axis."""
+
+Objective = Literal["actor_critic", "ppo", "all_actions", "counterfactual"]
+"""What the policies learn from.
+
+- ``actor_critic``: the choices taken, weighted by their advantage (Algorithm 1);
+- ``ppo``: the same, with the probability ratio clipped (Schulman et al. 2017), for several passes over a rollout;
+- ``all_actions``: x, y and z from the expected reward over all five choices, which the simulator knows; d as in
+  Algorithm 1;
+- ``counterfactual``: regression. Logits of x, y and z are the rewards of the five choices over a temperature; that of
+  the chosen spacing is R^d of the movement after, the first that it can influence. No critic.
+"""
 ValueLoss = Literal["n_step", "one_step"]
 """Algorithm 1 takes the n-step advantage, the text of Section III.B the one-step temporal difference."""
 
@@ -27,45 +41,63 @@ class LossSettings:
         InputError: a number outside its range.
     """
 
+    objective: Objective = "actor_critic"
+    """What the policies learn from."""
     discount: float = 0.99
     """gamma."""
+    gae_lambda: float = 1.0
+    """lambda of the generalised advantage (Schulman et al. 2016); 1 is Algorithm 1's n-step return."""
     entropy_coefficient: float = 0.01
     """beta."""
     bootstrap_at_truncation: bool = False
     """Whether a chase cut off at MAX_STEPS keeps the value of its last window; Algorithm 1 cuts it."""
     value_loss: ValueLoss = "n_step"
     """L1 of the n-step advantage (Algorithm 1) or of the one-step temporal difference (Section III.B)."""
+    clip_range: float = 0.2
+    """PPO: how far the probability ratio may leave 1 before it earns nothing more."""
+    temperature_m: float = 0.2
+    """Counterfactual regression: a logit is a reward over this, so choices this much better are e times likelier."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount <= 1:
             raise InputError(f"discount = {self.discount} is refused: allowed is between 0 and 1")
+        if not 0 <= self.gae_lambda <= 1:
+            raise InputError(f"gae_lambda = {self.gae_lambda} is refused: allowed is between 0 and 1")
         if not 0 <= self.entropy_coefficient < math.inf:
             raise InputError(f"entropy_coefficient = {self.entropy_coefficient} is refused: allowed is at least 0")
+        for name in ("clip_range", "temperature_m"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is greater than 0")
+        if self.objective not in get_args(Objective):
+            raise InputError(f"objective = {self.objective!r} is refused: allowed is {', '.join(get_args(Objective))}")
         if self.value_loss not in get_args(ValueLoss):
             raise InputError(f"value_loss = {self.value_loss!r} is refused: allowed is n_step or one_step")
 
 
-def discounted_returns(
+def lambda_returns(
     reward: Float[Tensor, "step chase 4"],
+    value: Float[Tensor, "step chase 4"],
     valid: Bool[Tensor, "step chase"],
     bootstrap_value: Float[Tensor, "chase 4"],
-    discount: float,
+    settings: LossSettings,
 ) -> Float[Tensor, "step chase 4"]:
-    """G_k = R_{k+1} + gamma G_{k+1}, begun at the value after the last valid step (0 where the chase ended)."""
-    following = bootstrap_value
+    """G_k = R_{k+1} + gamma [lambda G_{k+1} + (1 - lambda) V(S_{k+1})], begun at the value after the last valid step
+    (0 where the chase ended). With lambda = 1 the discounted return of Algorithm 1."""
+    following_return = following_value = bootstrap_value
     returns = torch.empty_like(reward)
     for step in reversed(range(len(reward))):
-        following = torch.where(valid[step][:, None], reward[step] + discount * following, following)
-        returns[step] = following
+        mixed = settings.gae_lambda * following_return + (1 - settings.gae_lambda) * following_value
+        running = valid[step][:, None]
+        following_return = torch.where(running, reward[step] + settings.discount * mixed, following_return)
+        following_value = torch.where(running, value[step], following_value)
+        returns[step] = following_return
     return returns
 
 
 def actor_critic_loss(
     logits: Float[Tensor, "step chase 4 5"],
     value: Float[Tensor, "step chase 4"],
-    choice: Int[Tensor, "step chase 4"],
-    reward: Float[Tensor, "step chase 4"],
-    valid: Bool[Tensor, "step chase"],
+    rollout: Rollout,
     bootstrap_value: Float[Tensor, "chase 4"],
     settings: LossSettings,
 ) -> Float[Tensor, "4"]:
@@ -74,45 +106,81 @@ def actor_critic_loss(
     The networks share no parameters, so the sum of the four has each network's own gradient.
     """
     log_policy = logits.log_softmax(dim=-1)
-    returns = discounted_returns(reward, valid, bootstrap_value, settings.discount)
-    advantage = returns - value
-    policy_loss = -log_policy.gather(-1, choice[..., None])[..., 0] * advantage.detach()
-    value_error = (
-        advantage
-        if settings.value_loss == "n_step"
-        else _one_step_error(value, reward, valid, bootstrap_value, settings.discount)
-    )
+    returns = lambda_returns(rollout.reward_m, value.detach(), rollout.valid, bootstrap_value, settings)
+    value_error = _value_error(value, rollout, bootstrap_value, settings)
     entropy = -(log_policy.exp() * log_policy).sum(dim=-1)
+    policy_loss = _policy_loss(log_policy, returns - value.detach(), rollout, settings)
     per_step = policy_loss + value_error.abs() - settings.entropy_coefficient * entropy
-    weight = valid / (valid.sum(dim=0) * valid.shape[1])
-    return (per_step * weight[..., None]).sum(dim=(0, 1))
+    return _averaged(per_step, rollout.valid)
 
 
-def rollout_loss(networks: SwarmNetworks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "4"]:
+def counterfactual_loss(
+    logits: Float[Tensor, "step chase 4 5"], rollout: Rollout, settings: LossSettings
+) -> Float[Tensor, "4"]:
+    """Squared error of reward per temperature, in units of ``DISPLACEMENT_SCALE_M``, averaged over the chases.
+
+    A spacing in the last step of a chase's rollout has no movement after it there, and counts nowhere.
+    """
+    predicted_m = logits * settings.temperature_m
+    axis_error_m = (predicted_m[:, :, 1:] - rollout.counterfactual_reward_m).square().mean(dim=-1)
+    taken_m = predicted_m[:, :, 0].gather(-1, rollout.choice[:, :, :1])[:-1, :, 0]
+    followed = (rollout.valid[:-1] & rollout.valid[1:]).float()
+    spacing_error_m = followed * (taken_m - rollout.reward_m[1:, :, 0]).square()
+    spacing_loss = spacing_error_m.sum() / followed.sum().clamp(min=1)
+    return torch.cat([spacing_loss[None], _averaged(axis_error_m, rollout.valid)]) / DISPLACEMENT_SCALE_M**2
+
+
+def rollout_loss(networks: Networks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "4"]:
     """L^n of one rollout under the networks' present parameters; one forward pass over all of its windows."""
-    num_windows, num_chases = rollout.rssi_dbm.shape[:2]
+    num_steps, num_chases = rollout.valid.shape
+    if settings.objective == "counterfactual":
+        logits = networks.policy_logits(rollout.rssi_dbm[:-1].flatten(0, 1).contiguous())
+        return counterfactual_loss(logits.view(num_steps, num_chases, *logits.shape[1:]), rollout, settings)
     logits, value = networks(rollout.rssi_dbm.flatten(0, 1).contiguous())
-    logits = logits.view(num_windows, num_chases, *logits.shape[1:])
-    value = value.view(num_windows, num_chases, -1)
+    logits = logits.view(num_steps + 1, num_chases, *logits.shape[1:])
+    value = value.view(num_steps + 1, num_chases, -1)
     ended = rollout.reached if settings.bootstrap_at_truncation else rollout.reached | rollout.truncated
     # V of the window after each chase's own last step: one cut off early moves along unseen until the rollout ends.
     last_window = rollout.valid.sum(dim=0)
     last_value = value[last_window, torch.arange(num_chases, device=value.device)]
     bootstrap_value = last_value.detach() * ~ended[:, None]
-    return actor_critic_loss(
-        logits[:-1], value[:-1], rollout.choice, rollout.reward_m, rollout.valid, bootstrap_value, settings
-    )
+    return actor_critic_loss(logits[:-1], value[:-1], rollout, bootstrap_value, settings)
 
 
-def _one_step_error(
-    value: Float[Tensor, "step chase 4"],
-    reward: Float[Tensor, "step chase 4"],
-    valid: Bool[Tensor, "step chase"],
-    bootstrap_value: Float[Tensor, "chase 4"],
-    discount: float,
+def _policy_loss(
+    log_policy: Float[Tensor, "step chase 4 5"],
+    advantage: Float[Tensor, "step chase 4"],
+    rollout: Rollout,
+    settings: LossSettings,
 ) -> Float[Tensor, "step chase 4"]:
-    """R_{t+1} + gamma V(S_{t+1}) - V(S_t); the next value is a target and gets no gradient."""
-    following = torch.cat([value[1:].detach(), bootstrap_value[None]])
-    is_last = valid & ~torch.cat([valid[1:], torch.zeros_like(valid[:1])])
-    following = torch.where(is_last[..., None], bootstrap_value, following)
-    return reward + discount * following - value
+    """L_P: what the policies are pushed by."""
+    chosen = rollout.choice[..., None]
+    log_probability = log_policy.gather(-1, chosen)[..., 0]
+    if settings.objective == "ppo":
+        before = rollout.logits.log_softmax(dim=-1).gather(-1, chosen)[..., 0]
+        ratio = (log_probability - before).exp()
+        clipped = ratio.clamp(1 - settings.clip_range, 1 + settings.clip_range)
+        return -torch.minimum(ratio * advantage, clipped * advantage)
+    policy_loss = -log_probability * advantage
+    if settings.objective == "all_actions":
+        expected_m = (log_policy[:, :, 1:].exp() * rollout.counterfactual_reward_m).sum(dim=-1)
+        policy_loss = torch.cat([policy_loss[:, :, :1], -expected_m], dim=-1)
+    return policy_loss
+
+
+def _averaged(per_step: Float[Tensor, "step chase n"], valid: Bool[Tensor, "step chase"]) -> Float[Tensor, "n"]:
+    """The mean over each chase's own steps, then over the chases."""
+    weight = valid / (valid.sum(dim=0) * valid.shape[1])
+    return (per_step * weight[..., None]).sum(dim=(0, 1))
+
+
+def _value_error(
+    value: Float[Tensor, "step chase 4"],
+    rollout: Rollout,
+    bootstrap_value: Float[Tensor, "chase 4"],
+    settings: LossSettings,
+) -> Float[Tensor, "step chase 4"]:
+    """What L_V is the size of: the n-step advantage or the one-step temporal difference; targets get no gradient."""
+    one_step = settings.value_loss == "one_step"
+    horizon = dataclasses.replace(settings, gae_lambda=0.0 if one_step else 1.0)
+    return lambda_returns(rollout.reward_m, value.detach(), rollout.valid, bootstrap_value, horizon) - value

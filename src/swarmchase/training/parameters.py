@@ -6,7 +6,8 @@ are views of it.
 
 import torch
 
-from ..networks import SwarmNetworks
+from ..networks import ActorCritic, Networks, SwarmNetworks, SymmetricNetworks, with_policy_scale
+from .settings import TrainingSettings
 
 ALIGNMENT = 16
 """Each parameter starts at a multiple of this many floats (64 bytes), so that vector loads stay aligned."""
@@ -15,7 +16,7 @@ ALIGNMENT = 16
 class FlatNetworks:
     """Networks whose parameters and gradients are views of two flat float32 vectors."""
 
-    def __init__(self, networks: SwarmNetworks) -> None:
+    def __init__(self, networks: Networks) -> None:
         self.networks = networks
         parameters = list(networks.parameters())
         starts, end = [], 0
@@ -30,3 +31,27 @@ class FlatNetworks:
             self.vector[part] = parameter.detach().flatten()
             parameter.data = self.vector[part].view(parameter.shape)
             parameter.grad = self.gradient[part].view(parameter.shape)
+
+
+def new_networks(settings: TrainingSettings, generator: torch.Generator | None = None) -> Networks:
+    """Networks in the form that these settings train: drawn anew, or to be filled where there is no ``generator``."""
+    return _trained_form(SwarmNetworks(generator, settings.policy_scale), settings)
+
+
+def continued_networks(settings: TrainingSettings, start: SwarmNetworks) -> Networks:
+    """Networks in the form that these settings train, which decide as ``start`` does."""
+    return _trained_form(with_policy_scale(start, settings.policy_scale), settings)
+
+
+def deployed(networks: Networks) -> SwarmNetworks:
+    """The paper's four networks that decide as the trained ones do, scales within their weights."""
+    four = networks.separate() if isinstance(networks, SymmetricNetworks) else networks
+    return with_policy_scale(four, 1.0)
+
+
+def _trained_form(networks: SwarmNetworks, settings: TrainingSettings) -> Networks:
+    trained = SymmetricNetworks(networks) if settings.symmetric else networks
+    for module in trained.modules():
+        if isinstance(module, ActorCritic):
+            module.product_dtype = getattr(torch, settings.precision)
+    return trained

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import Evaluation, Evaluator
 from .global_agent import SharedParameters
 from .run import TrainingRun
-from .settings import A3CSettings
+from .settings import TrainingSettings
 from .worker import make_global_agent, work_once
 
 POLL_S = 0.1
@@ -80,7 +80,7 @@ def run_processes(run: TrainingRun) -> None:
         checkpoints_asked=_shared_zeros(1),
         environment_steps=_shared_zeros(settings.num_agents),
     )
-    arguments = (run.scenario, settings, run.shared, channels)
+    arguments = (run.scenarios, settings, run.shared, channels)
     first_evaluation = _next_multiple(int(run.shared.updates), settings.evaluation_interval)
     starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
     processes = {
@@ -230,8 +230,8 @@ def _leave_with_parent() -> None:
 
 
 def _local_agent_process(
-    scenario: Scenario,
-    settings: A3CSettings,
+    scenarios: Sequence[Scenario],
+    settings: TrainingSettings,
     shared: SharedParameters,
     channels: _Channels,
     index: int,
@@ -239,7 +239,7 @@ def _local_agent_process(
 ) -> None:
     with _worker(channels, f"local agent {index}"):
         global_agent = make_global_agent(settings, shared, channels.lock)
-        agent = LocalAgent(scenario, settings, index)
+        agent = LocalAgent(scenarios[index % len(scenarios)], settings, index)
         if start is not None:
             agent.restore(start)
         answered = 0
@@ -258,8 +258,8 @@ def _local_agent_process(
 
 
 def _auxiliary_agent_process(
-    scenario: Scenario,
-    settings: A3CSettings,
+    scenarios: Sequence[Scenario],
+    settings: TrainingSettings,
     shared: SharedParameters,
     channels: _Channels,
     folder: Path,
@@ -268,7 +268,7 @@ def _auxiliary_agent_process(
 ) -> None:
     with _worker(channels, "auxiliary agent"):
         global_agent = make_global_agent(settings, shared, channels.lock)
-        evaluator = Evaluator(scenario, settings, folder, best)
+        evaluator = Evaluator(scenarios, settings, "processes", folder, best)
         while True:
             if global_agent.updates < next_evaluation:
                 # Asked again: the last update may have come while it waited, and is still to be evaluated.

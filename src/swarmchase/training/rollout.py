@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 
 from ..array_types import Bool, Float, Int, Tensor
-from ..environment import Environment, State
+from ..environment import Environment, State, counterfactual_reward_m
 from ..formation import action_from_choice
-from ..networks import NETWORK_NAMES, SwarmNetworks, sampled_choice
+from ..networks import NETWORK_NAMES, Networks, greedy_choice, sampled_choice
 from ..streams import ChaseStreams
 
 
@@ -23,8 +23,12 @@ class Rollout:
     """S_t of every step, and the window after the last one, float32."""
     choice: Int[Tensor, "step chase 4"]
     """A_t as choices 0..4 of d, x, y, z."""
+    logits: Float[Tensor, "step chase 4 5"]
+    """Of the policies that made these choices."""
     reward_m: Float[Tensor, "step chase 4"]
     """R_{t+1} of d, x, y, z, float32."""
+    counterfactual_reward_m: Float[Tensor, "step chase 3 5"]
+    """R_{t+1} of x, y, z for each of the five choices, float32; only the simulator can know it."""
     valid: Bool[Tensor, "step chase"]
     """False after a chase has ended."""
     reached: Bool[Tensor, "chase"]
@@ -34,33 +38,60 @@ class Rollout:
 
 
 def collect(
-    environment: Environment, networks: SwarmNetworks, state: State, streams: ChaseStreams, num_steps: int
+    environment: Environment,
+    networks: Networks,
+    state: State,
+    streams: ChaseStreams,
+    num_steps: int,
+    spacing_exploration: float | None = None,
 ) -> tuple[Rollout, State]:
     """Let every chase make ``num_steps`` movements with sampled actions, fewer where it ends.
 
-    ``streams`` are the chases' own for sampling actions. Ends early when every chase has ended.
+    ``streams`` are the chases' own for sampling actions. With ``spacing_exploration`` the spacing is not sampled: it is
+    the most likely one, and any one in this share of the movements. Ends early when every chase has ended.
     """
-    windows, choices, rewards, valids = [state.rssi_dbm], [], [], []
+    windows, choices, all_logits, rewards, counterfactuals, valids = [state.rssi_dbm], [], [], [], [], []
     reached = torch.zeros(len(streams), dtype=torch.bool, device=state.center_m.device)
     truncated = reached.clone()
     for _ in range(num_steps):
         running = ~(reached | truncated)
         if not running.any():
             break
-        choice = _policy_choice(networks, state, streams)
+        logits = _policy_logits(networks, state)
+        choice = _explored_choice(logits, streams, spacing_exploration)
+        counterfactuals.append(counterfactual_reward_m(environment.scenario, state).float())
         state, outcome = environment.step(state, action_from_choice(environment.scenario, choice))
         reached, truncated = reached | (outcome.reached & running), truncated | (outcome.truncated & running)
         windows.append(state.rssi_dbm)
         choices.append(choice)
+        all_logits.append(logits)
         rewards.append(outcome.reward_m.float())
         valids.append(running)
     rollout = Rollout(
-        torch.stack(windows), torch.stack(choices), torch.stack(rewards), torch.stack(valids), reached, truncated
+        rssi_dbm=torch.stack(windows),
+        choice=torch.stack(choices),
+        logits=torch.stack(all_logits),
+        reward_m=torch.stack(rewards),
+        counterfactual_reward_m=torch.stack(counterfactuals),
+        valid=torch.stack(valids),
+        reached=reached,
+        truncated=truncated,
     )
     return rollout, state
 
 
-def _policy_choice(networks: SwarmNetworks, state: State, streams: ChaseStreams) -> Int[Tensor, "chase 4"]:
+def _policy_logits(networks: Networks, state: State) -> Float[Tensor, "chase 4 5"]:
     with torch.no_grad():
-        logits = networks.policy_logits(state.rssi_dbm.contiguous())
-    return sampled_choice(logits, streams.uniform(len(NETWORK_NAMES)).to(logits.device))
+        return networks.policy_logits(state.rssi_dbm.contiguous())
+
+
+def _explored_choice(
+    logits: Float[Tensor, "chase 4 5"], streams: ChaseStreams, spacing_exploration: float | None
+) -> Int[Tensor, "chase 4"]:
+    uniform = streams.uniform(len(NETWORK_NAMES)).to(logits.device)
+    choice = sampled_choice(logits, uniform)
+    if spacing_exploration is not None:
+        # One uniform number does for both: below the share it is, spread out again, a choice among all.
+        anything = (uniform[:, 0] * (logits.shape[-1] / max(spacing_exploration, 1e-9))).long()
+        choice[:, 0] = torch.where(anything < logits.shape[-1], anything, greedy_choice(logits[:, 0]))
+    return choice

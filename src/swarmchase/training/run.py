@@ -1,21 +1,24 @@
 """A training run's books: how far it is, its log, its checkpoints, and why it ends."""
 
+import contextlib
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import torch
 
-from ..controllers.weights import save_weights
-from ..networks import SwarmNetworks
+from ..controllers.weights import load_weights
+from ..errors import InputError
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
-from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, weights_configuration
+from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
-from .parameters import FlatNetworks
+from .parameters import FlatNetworks, continued_networks, new_networks
 from .run_folder import ResumePoint, RunFolder, TrainingLog
-from .settings import A3CSettings
+from .settings import Schedule, TrainingSettings, training_seed
 
 
 @dataclass(frozen=True)
@@ -53,17 +56,20 @@ class TrainingRun:
 
     def __init__(
         self,
-        scenario: Scenario,
-        settings: A3CSettings,
+        scenarios: Sequence[Scenario],
+        settings: TrainingSettings,
+        schedule: Schedule,
         folder: RunFolder,
         point: ResumePoint,
         progress: Progress | None,
+        device: str = "cpu",
     ) -> None:
-        self.scenario = scenario
+        self.scenarios = scenarios
         self.settings = settings
+        self.schedule = schedule
         self.folder = folder
         self.point = point
-        self.shared = point.parameters.shared()
+        self.shared = point.parameters.shared(device)
         self.best = point.best
         self.environment_steps = point.environment_steps
         self.stopped: str | None = None
@@ -130,9 +136,58 @@ class TrainingRun:
         )
 
     def _last_weights(self) -> Path:
-        flat = FlatNetworks(SwarmNetworks())
+        flat = FlatNetworks(new_networks(self.settings))
         flat.vector.copy_(self.shared.vector)
         path = self.folder.folder / LAST_WEIGHTS
-        configuration = weights_configuration(self.scenario, self.settings, int(self.shared.updates))
-        save_weights(path, flat.networks, configuration, torch.float16)
+        updates = int(self.shared.updates)
+        configuration = weights_configuration(self.scenarios, self.settings, self.schedule, updates)
+        save_trained_weights(path, flat.networks, configuration)
         return path
+
+
+@contextlib.contextmanager
+def open_run(
+    scenarios: Sequence[Scenario],
+    settings: TrainingSettings,
+    schedule: Schedule,
+    folder: Path,
+    resume: bool,
+    progress: Progress | None,
+    device: str = "cpu",
+) -> Iterator[TrainingRun]:
+    """A new run, or the one in ``folder`` gone on with; Ctrl-C asks it to stop instead of tearing it down.
+
+    Raises:
+        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true.
+    """
+    run_folder = RunFolder(folder, scenarios, settings)
+    if run_folder.has_resume_point and not resume:
+        raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
+    if resume and not run_folder.has_resume_point:
+        raise InputError(f"folder {folder} holds no run to resume")
+    point = run_folder.load() if resume else _start(settings)
+    run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, device)
+    with contextlib.closing(run), _interrupt(run.interrupt):
+        yield run
+
+
+def _start(settings: TrainingSettings) -> ResumePoint:
+    if settings.initial_weights is None:
+        generator = torch.Generator().manual_seed(training_seed(settings.seed))
+        networks = new_networks(settings, generator)
+    else:
+        networks = continued_networks(settings, load_weights(Path(settings.initial_weights))[0])
+    parameters = SharedParameters.start(FlatNetworks(networks).vector)
+    return ResumePoint(parameters, agents=[], best=None, environment_steps=0, seconds=0.0)
+
+
+@contextlib.contextmanager
+def _interrupt(stop: Callable[[], None]) -> Iterator[None]:
+    def handle(_number: int, _frame: FrameType | None) -> None:
+        stop()
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -16,11 +16,14 @@ from ..tensor_files import load_tensors, save_tensors
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import Evaluation
 from .global_agent import SharedParameters
-from .settings import A3CSettings
+from .settings import TrainingSettings
 
 RESUME_FILE = "resume.safetensors"
 LOG_FILE = "training.jsonl"
-FORMAT = "swarmchase-a3c-resume-1"
+FORMAT = "swarmchase-resume-2"
+
+
+_PLOTTED = ("movements_mean", "movements_p90", "success_rate")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,10 +41,11 @@ class ResumePoint:
 class RunFolder:
     """The folder of one run."""
 
-    def __init__(self, folder: Path, scenario: Scenario, settings: A3CSettings) -> None:
+    def __init__(self, folder: Path, scenarios: Sequence[Scenario], settings: TrainingSettings) -> None:
         require_writable_folder(folder)
         self.folder = folder
-        self._identity = {"format": FORMAT, "scenario": scenario.to_dict(), "settings": settings.to_dict()}
+        worlds = [scenario.to_dict() for scenario in scenarios]
+        self._identity = {"format": FORMAT, "scenarios": worlds, "settings": settings.to_dict()}
 
     @property
     def has_resume_point(self) -> bool:
@@ -51,7 +55,8 @@ class RunFolder:
     def save(self, point: ResumePoint) -> None:
         """Write the resume file, whole or not at all."""
         parameters = {
-            f"global.{part.name}": getattr(point.parameters, part.name) for part in dataclasses.fields(SharedParameters)
+            f"global.{part.name}": getattr(point.parameters, part.name).cpu()
+            for part in dataclasses.fields(SharedParameters)
         }
         tensors = {name: torch.from_numpy(array) for agent in point.agents for name, array in agent.arrays.items()}
         document = {
@@ -117,7 +122,7 @@ class TrainingLog:
         self._write(
             {"kind": "evaluation", **numbers, "seconds": round(seconds, 1), "environment_steps": environment_steps}
         )
-        self._plot("evaluation", numbers, evaluation.update)
+        self._plot("evaluation", {name: numbers[name] for name in _PLOTTED}, evaluation.update)
         self.flush()
 
     def flush(self) -> None:

@@ -1,15 +1,18 @@
-"""What defines an A3C run, and the named presets."""
+"""What defines a training run, and the named presets."""
 
 import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ..controllers.learned import ActionChoice
 from ..errors import InputError
-from .losses import LossSettings
+from .losses import DISPLACEMENT_SCALE_M, LossSettings
 
-Schedule = Literal["processes", "deterministic"]
-"""Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
+Precision = Literal["float32", "bfloat16"]
+Schedule = Literal["processes", "deterministic", "batched"]
+"""A3C in asynchronous processes, or with the same agents in turn in one process, which is bit-reproducible; or the
+batched trainer."""
 
 
 MOST_UPDATES = 2**24
@@ -17,8 +20,8 @@ MOST_UPDATES = 2**24
 
 
 @dataclass(frozen=True, kw_only=True)
-class A3CSettings:
-    """An A3C run. The defaults are Table I.
+class TrainingSettings:
+    """A training run. The defaults are Table I.
 
     Raises:
         InputError: a number outside its range.
@@ -34,14 +37,30 @@ class A3CSettings:
     """Adam's learning rate (Table I)."""
     final_learning_rate: float | None = None
     """Falls linearly to this over the run; None keeps it constant, as in the paper."""
+    max_gradient_norm: float | None = None
+    """A longer gradient is shortened to this; None never does, as in the paper."""
+    passes_per_rollout: int = 1
+    """Updates made from each rollout; more than one is for PPO."""
     losses: LossSettings = field(default_factory=LossSettings)
-    """Discount, entropy bonus, value loss and the cut at MAX_STEPS."""
+    """What is learned: objective, discount, entropy bonus, value loss and the cut at MAX_STEPS."""
+    symmetric: bool = False
+    """x, y and z are one network that learns from all three views of a window; weights files hold it three times."""
+    varied_start: bool = False
+    """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
+    spacing_exploration: float | None = None
+    """The spacing is the most likely one but for this share of movements, when it is any one; None samples it."""
+    initial_weights: str | None = None
+    """Weights file that training begins from; None draws the weights anew."""
+    precision: Precision = "float32"
+    """Of the networks' products; parameters, Adam, channel and losses are float32 either way."""
     max_updates: int = 200_000
     """Updates of the global networks; the paper's EPISODES are not stated."""
     seed: int = 0
     """Seed of the training's chases, initial weights and actions."""
     evaluation_interval: int = 5_000
     """Updates between two evaluations by the auxiliary agent."""
+    action_choice: ActionChoice = "sampled"
+    """How the networks act in an evaluation, and wherever their weights file is used."""
     evaluation_chases: int = 200
     """Fixed chases of such an evaluation."""
     stop_at_p90: float | None = None
@@ -54,6 +73,7 @@ class A3CSettings:
             "num_agents",
             "chases_per_agent",
             "update_interval",
+            "passes_per_rollout",
             "max_updates",
             "evaluation_interval",
             "evaluation_chases",
@@ -67,24 +87,66 @@ class A3CSettings:
             raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
         if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
             raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
+        if self.max_gradient_norm is not None and not 0 < self.max_gradient_norm < math.inf:
+            raise InputError(f"max_gradient_norm = {self.max_gradient_norm} is refused: allowed is greater than 0")
+        if self.spacing_exploration is not None and not 0 <= self.spacing_exploration <= 1:
+            raise InputError(f"spacing_exploration = {self.spacing_exploration} is refused: allowed is between 0 and 1")
+        if self.losses.objective == "counterfactual" and self.update_interval < 2:
+            raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is refused: allowed is at least 0")
+
+    @property
+    def policy_scale(self) -> float:
+        """What the policy heads' outputs are multiplied by: regression fits rewards in units of four metres."""
+        is_regression = self.losses.objective == "counterfactual"
+        return DISPLACEMENT_SCALE_M / self.losses.temperature_m if is_regression else 1.0
 
     def to_dict(self) -> dict[str, Any]:
         """Every setting as JSON can hold it."""
         return dataclasses.asdict(self)
 
 
-PRESETS: dict[str, A3CSettings] = {
-    "paper": A3CSettings(),
-    "fast": A3CSettings(
-        chases_per_agent=8,
-        losses=LossSettings(discount=0.5),
-        learning_rate=2e-4,
-        final_learning_rate=1e-5,
-        max_updates=6_000,
-        evaluation_interval=500,
-        checkpoint_interval=500,
+_FAST = TrainingSettings(
+    chases_per_agent=8,
+    losses=LossSettings(discount=0.5),
+    learning_rate=2e-4,
+    final_learning_rate=1e-5,
+    max_updates=6_000,
+    evaluation_interval=500,
+    checkpoint_interval=500,
+)
+_A2C = dataclasses.replace(_FAST, num_agents=1, chases_per_agent=64, precision="bfloat16")
+
+PRESETS: dict[str, TrainingSettings] = {
+    "paper": TrainingSettings(),
+    "fast": _FAST,
+    "a2c": _A2C,
+    "ppo": dataclasses.replace(
+        _A2C,
+        passes_per_rollout=3,
+        losses=LossSettings(objective="ppo", discount=0.5, gae_lambda=0.9),
+        max_gradient_norm=10.0,
+    ),
+    "all-actions": dataclasses.replace(
+        _A2C, losses=LossSettings(objective="all_actions", discount=0.5), max_gradient_norm=10.0
+    ),
+    "counterfactual": TrainingSettings(
+        num_agents=1,
+        chases_per_agent=64,
+        update_interval=2,
+        learning_rate=1e-3,
+        final_learning_rate=1e-6,
+        max_gradient_norm=1.0,
+        losses=LossSettings(objective="counterfactual"),
+        symmetric=True,
+        varied_start=True,
+        spacing_exploration=0.1,
+        precision="bfloat16",
+        max_updates=2_000,
+        action_choice="greedy",
+        evaluation_interval=250,
+        checkpoint_interval=250,
     ),
 }
 """``paper`` is Table I exactly. ``fast`` has its agents, networks, T and losses, and three changes: each agent plays
@@ -92,10 +154,13 @@ eight chases at a time, the learning rate falls from twenty times the paper's to
 
 The rewards of a chase add up to the distance won, whatever the way. With a discount of 0.99 a wrong movement near the
 target that the next one takes back costs next to nothing and is hardly ever unlearned; with 0.5 it costs what it is.
+
+The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 64 chases; ``ppo`` and ``all-actions``
+change its objective; ``counterfactual`` regresses the rewards of all choices and learns fastest by far.
 """
 
 
-def a3c_preset(name: str) -> A3CSettings:
+def preset(name: str) -> TrainingSettings:
     """The settings of a named preset.
 
     Raises:

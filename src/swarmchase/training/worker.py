@@ -4,10 +4,10 @@ from typing import Any
 
 from .agent import LocalAgent
 from .global_agent import GlobalAgent, LearningRate, SharedParameters
-from .settings import A3CSettings
+from .settings import TrainingSettings
 
 
-def make_global_agent(settings: A3CSettings, shared: SharedParameters, lock: Any) -> GlobalAgent:
+def make_global_agent(settings: TrainingSettings, shared: SharedParameters, lock: Any) -> GlobalAgent:
     """The global agent as any process sees it."""
     end = settings.learning_rate if settings.final_learning_rate is None else settings.final_learning_rate
     return GlobalAgent(
@@ -17,8 +17,12 @@ def make_global_agent(settings: A3CSettings, shared: SharedParameters, lock: Any
 
 def work_once(agent: LocalAgent, global_agent: GlobalAgent) -> int:
     """One pass of Algorithm 1's outer loop: synchronise, play T movements, transfer the gradient; returns the
-    movements made."""
+    movements made. PPO transfers several gradients of the same rollout, each at the parameters of its moment."""
     global_agent.synchronise(agent.local)
-    movements = agent.compute_gradient()
-    global_agent.update(agent.local.gradient)
-    return movements
+    rollout = agent.play()
+    for passed in range(agent.passes_per_rollout):
+        if passed > 0:
+            global_agent.synchronise(agent.local)
+        agent.compute_gradient(rollout)
+        global_agent.update(agent.local.gradient)
+    return int(rollout.valid.sum())

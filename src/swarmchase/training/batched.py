@@ -1,0 +1,47 @@
+"""The batched trainer: one process, many chases at a time on one device; the rollout and the losses of A3C.
+
+Each scenario has one agent, and the agents take turns. With one scenario, ``a2c`` is A3C with one worker.
+
+    swarmchase train batched --sampling-hz 100 --spatial-correlation 0.5 --preset counterfactual --folder runs/one
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from ..errors import InputError
+from ..scenario import Scenario
+from .in_turn import run_in_turn
+from .run import Progress, TrainingResult, open_run
+from .settings import TrainingSettings
+
+
+def train_batched(
+    scenarios: Sequence[Scenario],
+    settings: TrainingSettings,
+    folder: Path,
+    resume: bool = False,
+    progress: Progress | None = None,
+    num_threads: int = 1,
+    device: str = "cpu",
+) -> TrainingResult:
+    """Train the four networks for one scenario, or for several at once; everything it makes lies in ``folder``.
+
+    Ctrl-C stops it cleanly: the run is saved and can be resumed, exactly.
+
+    Raises:
+        InputError: no scenario, threads or device; the folder cannot be written, holds a run and ``resume`` is false,
+            or holds no run and it is true.
+    """
+    if not scenarios:
+        raise InputError("no scenario to train for: give at least one")
+    if num_threads < 1:
+        raise InputError(f"threads = {num_threads} is refused: allowed is at least 1")
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        raise InputError("device cuda is refused: PyTorch sees no GPU here")
+    one_each = dataclasses.replace(settings, num_agents=len(scenarios))
+    with open_run(scenarios, one_each, "batched", folder, resume, progress, device) as run:
+        run_in_turn(run, num_threads, device)
+        return run.result()
