@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from . import __version__
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
-from .controllers import ActionChoice, load_controller
+from .controllers import ActionChoice, chosen_weights, load_controller
 from .errors import InputError, WorkerDiedError
 from .files import atomic_path
 from .scenario import Scenario
@@ -52,6 +52,12 @@ class Evaluation:
     chases: Sequence[ChaseResult]
     """In the order of their numbers."""
 
+    @property
+    def weights(self) -> str | None:
+        """Which of a family's trained controllers this was, as ``paper/F10-rho0.9``; None for any other controller."""
+        chosen = chosen_weights(self.controller, self.scenario)
+        return None if chosen is None else chosen.name
+
     def summary(self) -> dict[str, Any]:
         """The figures of one row of a results table.
 
@@ -62,8 +68,10 @@ class Evaluation:
         return {
             "controller": self.controller,
             "action_choice": self.action_choice,
+            "weights": self.weights,
             "sampling_hz": self.scenario.sampling_hz,
             "spatial_correlation": self.scenario.spatial_correlation,
+            "window_s": self.scenario.window_s,
             "episodes": len(self.chases),
             "seed": self.seed,
             "success_rate": reached / len(self.chases),
@@ -75,6 +83,9 @@ class Evaluation:
             "movements_p90_ci95": percentile_interval(movements, 90),
             "movements_max": int(movements.max()),
             "tracking_time_mean_s": {f"{speed:g}": float(np.mean(self._times_s(speed))) for speed in SPEEDS_MPS},
+            "tracking_time_mean_s_ci95": {
+                f"{speed:g}": mean_interval(np.array(self._times_s(speed))) for speed in SPEEDS_MPS
+            },
             "version": __version__,
         }
 
@@ -93,6 +104,7 @@ class Evaluation:
             "scenario": self.scenario.to_dict(),
             "controller": self.controller,
             "action_choice": self.action_choice,
+            "weights": self.weights,
             "seed": self.seed,
         }
         table = pa.table({**columns, **times}).replace_schema_metadata({"swarmchase": json.dumps(origin)})
@@ -139,8 +151,9 @@ def evaluate(
     batch_size: int = DEFAULT_BATCH_SIZE,
     processes: int = 1,
     finished: Callable[[int], None] | None = None,
+    first_chase: int = 0,
 ) -> Evaluation:
-    """Run ``episodes`` chases of ``controller`` (a name or the path of a weights file).
+    """Run ``episodes`` chases of ``controller`` (a name or the path of a weights file), from number ``first_chase`` on.
 
     ``finished`` is told the number of chases that have ended: 0 when all is checked and work begins, then each time
     some end.
@@ -152,14 +165,16 @@ def evaluate(
     for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
         if value < 1:
             raise InputError(f"{name} = {value} is refused: allowed is at least 1")
-    if seed < 0:
-        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
+    for name, value in (("seed", seed), ("first_chase", first_chase)):
+        if value < 0:
+            raise InputError(f"{name} = {value} is refused: allowed is at least 0")
     load_controller(controller, scenario, action_choice)
     work = _Work(scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)
     report(0)
-    for result in _run(work, episodes, min(processes, math.ceil(episodes / SHARE_CHASES))):
+    chosen = range(first_chase, first_chase + episodes)
+    for result in _run(work, chosen, min(processes, math.ceil(episodes / SHARE_CHASES))):
         chases.append(result)
         report(len(chases))
     return Evaluation(scenario, controller, action_choice, seed, sorted(chases, key=lambda chase: chase.chase))
@@ -180,17 +195,17 @@ class _Work:
         return run_chases(self.scenario, controller, self.seed, chases, self.batch_size)
 
 
-def _run(work: _Work, episodes: int, processes: int) -> Iterator[ChaseResult]:
+def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult]:
     """The results of all chases, in whatever order they end."""
     if processes == 1:
-        yield from work.run(range(episodes))
+        yield from work.run(chases)
         return
     context = multiprocessing.get_context("spawn")
     running: dict[connection.Connection, multiprocessing.process.BaseProcess] = {}
     try:
         with _interrupts_blocked():
             for number in range(processes):
-                share = range(number * episodes // processes, (number + 1) * episodes // processes)
+                share = chases[number * len(chases) // processes : (number + 1) * len(chases) // processes]
                 receiver, sender = context.Pipe(duplex=False)
                 process = context.Process(target=_run_share, args=(work, share, sender), daemon=True)
                 process.start()

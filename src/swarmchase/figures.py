@@ -31,6 +31,7 @@ REWARD_CHASES = 100
 NETWORK_COLORS = ("#000000", "#0072B2", "#D55E00", "#00694E")
 STYLE: Any = {
     "font.size": 8,
+    "axes.titlesize": 8,
     "legend.fontsize": 7,
     "axes.grid": True,
     "grid.alpha": 0.3,
@@ -59,9 +60,14 @@ def draw_chase(log: dict[str, Any], path: Path) -> None:
         figure.align_ylabels([rssi_axes, distance_axes, spacing_axes])
         title = _title(log)
         figure.suptitle(title, fontsize=8)
-        dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
-        with atomic_path(path) as temporary:
-            figure.savefig(temporary, format=path.suffix.lstrip("."), dpi=200, metadata={"Title": title, **dates})
+        save_figure(figure, path, title)
+
+
+def save_figure(figure: Figure, path: Path, title: str) -> None:
+    """Write PNG or PDF, whole or not at all; the same figure is the same file."""
+    dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.lstrip("."), dpi=200, metadata={"Title": title, **dates})
 
 
 def _title(log: dict[str, Any]) -> str:
@@ -183,17 +189,7 @@ def draw_training(chases: Sequence[dict[str, Any]], evaluations: Sequence[dict[s
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
         reward_axes, movement_axes = figure.subplots(1, 2)
-        averaged = min(REWARD_CHASES, len(chases))
-        update = [chase["update"] for chase in chases[averaged - 1 :]]
-        for network, (name, color, line) in enumerate(zip("dxyz", NETWORK_COLORS, ("-", "--", "-.", ":"), strict=True)):
-            won_m = np.cumsum([0.0] + [chase["reward_m"][network] for chase in chases])
-            made = np.cumsum([0.0] + [chase["movements"] for chase in chases])
-            mean_m = (won_m[averaged:] - won_m[:-averaged]) / (made[averaged:] - made[:-averaged])
-            reward_axes.plot(update, mean_m, color=color, linestyle=line, label=f"θ$^{name}$")
-        reward_axes.set(
-            xlabel="updates of the global networks", ylabel=f"reward per movement (m),\nmean of {averaged} chases"
-        )
-        reward_axes.legend(frameon=False, ncols=2)
+        draw_rewards(reward_axes, chases)
         update = [evaluation["update"] for evaluation in evaluations]
         movement_axes.plot(
             update,
@@ -214,5 +210,17 @@ def draw_training(chases: Sequence[dict[str, Any]], evaluations: Sequence[dict[s
         )
         movement_axes.set(xlabel="updates of the global networks", ylabel="movements", ylim=(0, None))
         movement_axes.legend(frameon=False)
-        with atomic_path(path) as temporary:
-            figure.savefig(temporary, format=path.suffix.lstrip("."), dpi=200)
+        save_figure(figure, path, "training")
+
+
+def draw_rewards(axes: Axes, chases: Sequence[dict[str, Any]]) -> None:
+    """Reward per movement of the four networks, from the chases of a training's log."""
+    averaged = min(REWARD_CHASES, len(chases))
+    update = [chase["update"] for chase in chases[averaged - 1 :]]
+    for network, (name, color, line) in enumerate(zip("dxyz", NETWORK_COLORS, ("-", "--", "-.", ":"), strict=True)):
+        won_m = np.cumsum([0.0] + [chase["reward_m"][network] for chase in chases])
+        made = np.cumsum([0.0] + [chase["movements"] for chase in chases])
+        mean_m = (won_m[averaged:] - won_m[:-averaged]) / (made[averaged:] - made[:-averaged])
+        axes.plot(update, mean_m, color=color, linestyle=line, label=f"θ$^{name}$")
+    axes.set(xlabel="updates of the global networks", ylabel=f"reward per movement (m),\nmean of {averaged} chases")
+    axes.legend(frameon=False, ncols=2)

@@ -9,7 +9,7 @@ from rich.table import Table
 from ..errors import InputError
 from ..files import require_writable_file
 from .options import ActionChoice, ScenarioOptions
-from .terminal import CONSOLE, print_json
+from .terminal import CONSOLE, explain_choice, print_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +17,7 @@ class ChaseCommand(ScenarioOptions):
     """Run one chase and tell it movement by movement; leave a log and a picture of it."""
 
     controller: str = "paper"
-    """paper, random, oracle, another controller that comes with the package, or the path of a weights file."""
+    """paper or paper-a3c (trained, the nearest to F and rho), random, oracle, or the path of a weights file."""
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     seed: int = 0
@@ -42,6 +42,7 @@ class ChaseCommand(ScenarioOptions):
         require_writable_file(picture_path)
         scenario = self.scenario()
         controller = load_controller(self.controller, scenario, self.action_choice)
+        explain_choice(self.controller, scenario)
         CONSOLE.print(
             f"The target is {scenario.start_distance_m:g} m away in an unknown direction. Six trackers listen: "
             f"{scenario.window_samples} samples at {scenario.sampling_hz:g} Hz before each movement.\n",

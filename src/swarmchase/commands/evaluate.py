@@ -11,7 +11,7 @@ from rich.text import Text
 
 from ..files import require_writable_file
 from .options import ActionChoice, ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import CONSOLE, explain_choice, print_json, progress_bar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +19,7 @@ class EvaluateCommand(ScenarioOptions):
     """Run a controller through many chases and print movements, tracking time and their confidence intervals."""
 
     controller: str = "paper"
-    """paper, random, oracle, another controller that comes with the package, or the path of a weights file."""
+    """paper or paper-a3c (trained, the nearest to F and rho), random, oracle, or the path of a weights file."""
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     episodes: int = 1000
@@ -39,6 +39,8 @@ class EvaluateCommand(ScenarioOptions):
         """Evaluate and report."""
         from ..evaluation import evaluate
 
+        scenario = self.scenario()
+        explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)
         began_s = time.monotonic()
@@ -48,7 +50,7 @@ class EvaluateCommand(ScenarioOptions):
                 show(chases, f"{chases / (time.monotonic() - began_s):.1f}", "")
 
             result = evaluate(
-                self.scenario(),
+                scenario,
                 self.controller,
                 self.episodes,
                 self.seed,

@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from ..errors import InputError
+from ..scenario import Scenario
 
 CONSOLE = Console(stderr=True, highlight=False)
 
@@ -24,6 +25,16 @@ def print_json(document: Any) -> None:
         sys.stdout.flush()
     except OSError as error:
         raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
+
+
+def explain_choice(controller: str, scenario: Scenario) -> None:
+    """Say which trained controller is used, and why, where the scenario's F and rho are not its own."""
+    from ..controllers import chosen_weights
+
+    chosen = chosen_weights(controller, scenario)
+    explanation = None if chosen is None else chosen.explanation(scenario)
+    if explanation is not None:
+        CONSOLE.print(explanation, soft_wrap=True)
 
 
 @contextlib.contextmanager

@@ -9,24 +9,18 @@ from .learned import ActionChoice, LearnedController
 from .oracle import OracleController
 from .protocol import Controller
 from .random import RandomController
+from .shipped import chosen_weights, shipped_families
 from .weights import load_weights
 
-__all__ = ["ActionChoice", "Controller", "load_controller"]
-
-WEIGHTS_FOLDER = Path(__file__).parent.parent / "weights"
-"""Trained controllers that come with the package, one file a name."""
-
-
-def shipped_weights() -> dict[str, Path]:
-    """Names and files of the trained controllers that come with the package."""
-    return {path.stem: path for path in sorted(WEIGHTS_FOLDER.glob("*.safetensors"))}
+__all__ = ["ActionChoice", "Controller", "chosen_weights", "load_controller"]
 
 
 def load_controller(
     name_or_path: str | Path, scenario: Scenario, action_choice: ActionChoice | None = None
 ) -> Controller:
-    """A controller by name (``paper``, ``random``, ``oracle``) or from a weights file.
+    """A controller by name (``paper``, ``paper-a3c``, ``random``, ``oracle``) or from a weights file.
 
+    Of a family of trained controllers it is the one trained nearest to the scenario's F and rho (``chosen_weights``).
     ``action_choice`` says how a learned controller turns its policies into actions; None takes what its weights
     file says.
 
@@ -38,10 +32,10 @@ def load_controller(
         return RandomController(scenario)
     if name == "oracle":
         return OracleController(scenario)
-    shipped = shipped_weights()
-    path = shipped.get(name, Path(name_or_path))
-    if name not in shipped and not (path.suffix == ".safetensors" or path.is_file()):
-        names = ", ".join(["random", "oracle", *shipped])
+    chosen = chosen_weights(name, scenario)
+    path = Path(name_or_path) if chosen is None else chosen.path
+    if chosen is None and not (path.suffix == ".safetensors" or path.is_file()):
+        names = ", ".join(["random", "oracle", *shipped_families()])
         raise InputError(
             f"no controller {name!r}; there are {names}, or give the path of a weights file (.safetensors)"
         )

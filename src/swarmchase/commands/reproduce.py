@@ -1,0 +1,80 @@
+"""``swarmchase reproduce``: the paper's twelve settings and its Figures 3 to 7."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.markdown import Markdown
+
+from ..errors import InputError
+from .terminal import CONSOLE, print_json, progress_bar
+
+QUICK_EPISODES = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceCommand:
+    """Evaluate the paper's twelve settings, draw its Figures 3 to 7. Interrupted, it goes on where it was."""
+
+    folder: Path = Path("reproduction")
+    """Folder for reproduction.parquet, fading.parquet, results.md and the figures (PNG and PDF)."""
+    episodes: int | None = None
+    """Chases of each setting (default: the paper's 10,000)."""
+    quick: bool = False
+    """A minute's run: 100 chases of each setting."""
+    seed: int = 0
+    """Seed of the chases."""
+    processes: int = 2
+    """Processes that share the work; changes the speed, never the result."""
+    json: bool = False
+    """Print the summaries as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Evaluate, write, draw and report."""
+        from ..paper_results import EPISODES
+        from ..reproduction import cells, reproduce
+
+        if self.quick and self.episodes is not None:
+            raise InputError(f"--quick is {QUICK_EPISODES} episodes: give one of --quick and --episodes")
+        episodes = QUICK_EPISODES if self.quick else EPISODES if self.episodes is None else self.episodes
+        began_s = time.monotonic()
+        at_start: list[int] = []
+        with progress_bar("reproduce", episodes * len(cells()), "chases/s") as show:
+
+            def finished(chases: int, cell: str) -> None:
+                at_start.append(chases) if not at_start else None
+                show(chases, f"{(chases - at_start[0]) / (time.monotonic() - began_s):.1f}", cell)
+
+            evaluations = reproduce(self.folder, episodes, self.seed, self.processes, finished)
+        summaries = [one.summary() for one in evaluations]
+        pictures = self._draw(evaluations, summaries)
+        self._report(summaries)
+        for picture in pictures:
+            CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
+        if self.json:
+            print_json({"folder": str(self.folder), "summaries": summaries})
+
+    def _draw(self, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
+        import pyarrow.parquet as pq
+
+        from ..controllers.shipped import training_log
+        from ..paper_figures import draw_all
+        from ..reproduction import FADING_FILE
+
+        movements = {
+            (one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation): [
+                chase.movements for chase in one.chases
+            ]
+            for one in evaluations
+        }
+        fading = pq.read_table(self.folder / FADING_FILE).to_pylist()
+        return draw_all(self.folder, fading, training_log(), movements, summaries)
+
+    def _report(self, summaries: list[dict[str, Any]]) -> None:
+        from ..files import write_text_atomically
+        from ..results_report import report_tables
+
+        text = "\n\n".join(report_tables(summaries).values()) + "\n"
+        write_text_atomically(self.folder / "results.md", text)
+        CONSOLE.print(Markdown(text))

@@ -1,0 +1,246 @@
+"""The paper's Section IV: its twelve settings evaluated, block by block, into one table.
+
+Beside ``paper`` in all twelve, ``paper-a3c`` is evaluated where one was trained, and the oracle once: it hears
+nothing, so all settings are one to it. A finished block is kept on disk; a run that was interrupted goes on behind the
+last one.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import __version__
+from .channel import FadingProcess, fading_db
+from .chases import ChaseResult
+from .controllers.shipped import chosen_weights, setting_name, shipped_families
+from .errors import InputError
+from .evaluation import Evaluation, evaluate
+from .files import atomic_path, require_writable_folder
+from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
+from .scenario import Scenario, paper_scenario
+from .streams import ChaseKey
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BLOCK_CHASES = 2_500
+"""Chases between two saves."""
+TABLE_FILE = "reproduction.parquet"
+FADING_FILE = "fading.parquet"
+FADING_SETTINGS = ((20.0, 0.1), (10.0, 0.9))
+"""(F, rho) of Fig. 3 (a) and (b)."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One controller in one of the paper's settings."""
+
+    controller: str
+    sampling_hz: float
+    spatial_correlation: float
+
+    @property
+    def name(self) -> str:
+        """Its name in files and messages."""
+        return f"{self.controller}-{setting_name(self.sampling_hz, self.spatial_correlation)}"
+
+    @property
+    def scenario(self) -> Scenario:
+        """Table I with this F and rho."""
+        return paper_scenario(sampling_hz=self.sampling_hz, spatial_correlation=self.spatial_correlation)
+
+
+def cells() -> list[Cell]:
+    """What is evaluated, the easy settings first."""
+    twelve = [(sampling_hz, rho) for rho in reversed(SPATIAL_CORRELATION) for sampling_hz in SAMPLING_HZ]
+    a3c = {(one.sampling_hz, one.spatial_correlation) for one in shipped_families().get("paper-a3c", [])}
+    return [
+        Cell("oracle", *twelve[0]),
+        *(Cell("paper", *setting) for setting in twelve),
+        *(Cell("paper-a3c", *setting) for setting in twelve if setting in a3c),
+    ]
+
+
+def reproduce(
+    folder: Path, episodes: int, seed: int, processes: int, finished: Callable[[int, str], None] | None = None
+) -> list[Evaluation]:
+    """Evaluate every cell; the table and the fading examples lie in ``folder`` afterwards.
+
+    ``finished`` is told the chases that have ended in all, those of an earlier run included, and the cell at work.
+
+    Raises:
+        InputError: no episodes, a folder that cannot be written, or one with blocks of another run.
+        WorkerDiedError: a process was killed.
+    """
+    if episodes < 1:
+        raise InputError(f"episodes = {episodes} is refused: allowed is at least 1")
+    require_writable_folder(folder)
+    report = finished or (lambda _chases, _cell: None)
+    ended = 0
+    evaluations = []
+    for cell in cells():
+        chases: list[ChaseResult] = []
+        for first in range(0, episodes, BLOCK_CHASES):
+            block = _Block(folder, cell, seed, first, min(BLOCK_CHASES, episodes - first))
+            before = ended + len(chases)
+            report(before, cell.name)
+            chases.extend(block.load() or block.run(processes, _counted(report, before, cell.name)))
+        ended += episodes
+        evaluations.append(Evaluation(cell.scenario, cell.controller, None, seed, chases))
+    report(ended, "")
+    _save(folder / TABLE_FILE, movement_table(evaluations))
+    _save(folder / FADING_FILE, fading_table(seed))
+    return evaluations
+
+
+def _counted(report: Callable[[int, str], None], before: int, cell: str) -> Callable[[int], None]:
+    def finished(chases: int) -> None:
+        report(before + chases, cell)
+
+    return finished
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Some chases of a cell, kept on disk when they are done."""
+
+    folder: Path
+    cell: Cell
+    seed: int
+    first_chase: int
+    episodes: int
+
+    @property
+    def path(self) -> Path:
+        return self.folder / "blocks" / f"{self.cell.name}-{self.first_chase}.parquet"
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What its chases are a function of: another origin is another block."""
+        chosen = chosen_weights(self.cell.controller, self.cell.scenario)
+        digest = None if chosen is None else hashlib.sha256(chosen.path.read_bytes()).hexdigest()
+        return {
+            "version": __version__,
+            "controller": self.cell.controller,
+            "weights_sha256": digest,
+            "scenario": self.cell.scenario.to_dict(),
+            "seed": self.seed,
+            "first_chase": self.first_chase,
+            "episodes": self.episodes,
+        }
+
+    def load(self) -> list[ChaseResult] | None:
+        """What an earlier run kept of this very block."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            table = pq.read_table(self.path)
+            if json.loads(table.schema.metadata[b"swarmchase"]) != self.origin:
+                return None
+            return [ChaseResult(**row) for row in table.to_pylist()]
+        except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
+            return None
+
+    def run(self, processes: int, finished: Callable[[int], None]) -> list[ChaseResult]:
+        result = evaluate(
+            self.cell.scenario,
+            self.cell.controller,
+            self.episodes,
+            self.seed,
+            processes=processes,
+            finished=finished,
+            first_chase=self.first_chase,
+        )
+        import pyarrow as pa
+
+        chases = list(result.chases)
+        table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
+        require_writable_folder(self.path.parent)
+        _save(self.path, table.replace_schema_metadata({"swarmchase": json.dumps(self.origin)}))
+        return chases
+
+
+def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
+    """One row a chase of every cell, with what is needed to redo it in the table's metadata."""
+    import pyarrow as pa
+
+    rows = [(one, chase) for one in evaluations for chase in one.chases]
+    columns = {
+        "controller": pa.array([one.controller for one, _ in rows]).dictionary_encode(),
+        "sampling_hz": [one.scenario.sampling_hz for one, _ in rows],
+        "spatial_correlation": [one.scenario.spatial_correlation for one, _ in rows],
+        "seed": [chase.seed for _, chase in rows],
+        "chase": pa.array([chase.chase for _, chase in rows], pa.int32()),
+        "movements": pa.array([chase.movements for _, chase in rows], pa.int16()),
+        "reached": [chase.reached for _, chase in rows],
+        "path_length_m": [chase.path_length_m for _, chase in rows],
+    }
+    origin = {
+        "version": __version__,
+        "command": f"swarmchase reproduce --episodes {len(evaluations[0].chases)} --seed {evaluations[0].seed}",
+        "scenario": paper_scenario().to_dict(),
+        "differs_by_row": ["sampling_hz", "spatial_correlation"],
+    }
+    return pa.table(columns).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+
+
+def read_evaluations(path: Path) -> list[Evaluation]:
+    """The evaluations of a table that ``reproduce`` wrote; where their targets were is not in it.
+
+    Raises:
+        InputError: no such file, or not such a table.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+        json.loads(table.schema.metadata[b"swarmchase"])
+        rows = table.to_pylist()
+        keys = list(dict.fromkeys((row["controller"], row["sampling_hz"], row["spatial_correlation"]) for row in rows))
+        by_cell: dict[Any, list[ChaseResult]] = {key: [] for key in keys}
+        nowhere = float("nan")
+        for row in rows:
+            key = (row.pop("controller"), row.pop("sampling_hz"), row.pop("spatial_correlation"))
+            by_cell[key].append(ChaseResult(target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
+    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"cannot read the reproduction table {path}: {error}") from error
+    return [Evaluation(Cell(*key).scenario, key[0], None, chases[0].seed, chases) for key, chases in by_cell.items()]
+
+
+def fading_table(seed: int) -> "pa.Table":
+    """Fig. 3: the fading of six trackers through one window, in two settings; time in seconds, fading in dB."""
+    import pyarrow as pa
+
+    rows = [row for setting in FADING_SETTINGS for row in _fading_rows(*setting, key=(seed, 0))]
+    origin = {"version": __version__, "seed": seed, "scenario": paper_scenario().to_dict()}
+    return pa.Table.from_pylist(rows).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+
+
+def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) -> Iterator[dict[str, Any]]:
+    scenario = paper_scenario(sampling_hz=sampling_hz, spatial_correlation=spatial_correlation)
+    process = FadingProcess(scenario)
+    fading = fading_db(process.window(process.begin([key])))[0].numpy().astype(np.float64)
+    for tracker, trace in enumerate(fading):
+        for sample, value in enumerate(trace):
+            yield {
+                "sampling_hz": sampling_hz,
+                "spatial_correlation": spatial_correlation,
+                "tracker": tracker,
+                "time_s": sample / sampling_hz,
+                "fading_db": float(value),
+            }
+
+
+def _save(path: Path, table: "pa.Table") -> None:
+    import pyarrow.parquet as pq
+
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
