@@ -2,16 +2,20 @@
 
 import dataclasses
 import importlib
+import json
 import pkgutil
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 import swarmchase
 from swarmchase import networks
+from swarmchase.reproduction import read_evaluations
+from swarmchase.results_report import report_tables
 from swarmchase.scenario import Scenario
 from swarmchase.training.losses import LossSettings
 from swarmchase.training.settings import PRESETS, TrainingSettings
@@ -152,3 +156,21 @@ def test_citation_names_this_version_and_the_paper() -> None:
     assert [*re.findall(r"family-names: (\S+)", citation)] == ["Ban", "Kang", "Jung"]
     pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert f'version = "{swarmchase.__version__}"' in pyproject
+
+
+DOCS = ROOT / "docs"
+SHIPPED_TABLE = DOCS / "results" / "reproduction.parquet"
+
+
+def test_the_tables_of_the_results_are_those_of_the_shipped_table() -> None:
+    text = (DOCS / "results.md").read_text(encoding="utf-8")
+    for name, table in report_tables([one.summary() for one in read_evaluations(SHIPPED_TABLE)]).items():
+        assert table in text, name
+
+
+def test_the_results_were_made_by_the_command_they_name() -> None:
+    origin = json.loads(pq.read_schema(SHIPPED_TABLE).metadata[b"swarmchase"])
+    assert origin["command"] == "swarmchase reproduce --episodes 10000 --seed 0"
+    text = (DOCS / "results.md").read_text(encoding="utf-8")
+    assert origin["command"] in text
+    assert f"version {origin['version']}" in text

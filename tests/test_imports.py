@@ -22,7 +22,11 @@ ROOMS = [
     {"training"},
     {"evaluation"},
     {"chase_log"},
+    {"paper_results"},
+    {"reproduction"},
+    {"results_report"},
     {"figures"},
+    {"paper_figures"},
     {"gym", "gym_registration"},
     {"benchmarks"},
     {"commands"},
@@ -34,6 +38,7 @@ FORBIDDEN = [
     # Earlier on the way, and yet not to be known.
     ("controllers", {"environment", "target", "channel"}),  # what flies must not depend on the simulator
     ("networks", {"environment", "target", "channel", "formation"}),
+    ("paper_figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "reproduction"}),
     ("figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "chase_log"}),
     ("gym", {"networks", "controllers", "training", "evaluation"}),
 ]

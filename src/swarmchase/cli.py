@@ -14,7 +14,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import tyro
 
-from .commands.benchmark import BenchmarkChannelCommand, BenchmarkEnvironmentCommand, BenchmarkTrainingCommand
+from .commands.benchmark import (
+    BenchmarkBatchedCommand,
+    BenchmarkChannelCommand,
+    BenchmarkEnvironmentCommand,
+    BenchmarkTrainingCommand,
+)
 from .commands.chase import ChaseCommand
 from .commands.evaluate import EvaluateCommand
 from .commands.reproduce import ReproduceCommand
@@ -44,6 +49,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark channel": BenchmarkChannelCommand,
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,
+    "benchmark batched": BenchmarkBatchedCommand,
 }
 
 

@@ -257,7 +257,7 @@ def _star_last(axes: Axes) -> tuple[list[Any], list[Any]]:
     return [handles[number] for number in order], [labels[number] for number in order]
 
 
-def _mark_stated(axes: Axes, x: float, y: float, color: str) -> None:
+def _mark_stated(axes: Axes, x: float | int, y: float | int, color: str) -> None:
     """A star where the paper states a value; named once in the legend."""
     named = any(line.get_label() == STATED for line in axes.get_lines())
     axes.plot(

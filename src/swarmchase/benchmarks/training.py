@@ -29,7 +29,7 @@ def measure(updates: int = 100, repeats: int = 3, workers: tuple[int, ...] = (1,
     rates: dict[int, list[float]] = {number: [] for number in workers}
     for _ in range(repeats):
         for number in workers:
-            rates[number].append(_steps_per_s(number, updates))
+            rates[number].append(steps_per_s(number, updates))
     medians = {str(number): statistics.median(turns) for number, turns in rates.items()}
     alone = medians[str(workers[0])] / workers[0]
     return {
@@ -58,7 +58,8 @@ def table(result: dict[str, Any]) -> "Table":
     return shown
 
 
-def _steps_per_s(num_workers: int, updates: int) -> float:
+def steps_per_s(num_workers: int, updates: int) -> float:
+    """Of this many workers together, ``updates`` each."""
     context: Any = torch.multiprocessing.get_context("spawn")
     settings = TrainingSettings(num_agents=num_workers)
     shared = SharedParameters.start(FlatNetworks(SwarmNetworks(torch.Generator().manual_seed(0))).vector)

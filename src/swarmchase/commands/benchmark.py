@@ -1,4 +1,4 @@
-"""``swarmchase benchmark channel | environment | training``: measure this machine, side by side with the peers."""
+"""``swarmchase benchmark NAME``: measure this machine, side by side with the peers."""
 
 import importlib
 from dataclasses import dataclass
@@ -37,6 +37,15 @@ class BenchmarkEnvironmentCommand(_BenchmarkCommand):
     def run(self) -> None:
         """Measure and report."""
         self.report("environment")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkBatchedCommand(_BenchmarkCommand):
+    """Environment steps a second of the batched trainer, beside our A3C and Stable-Baselines3's A2C in the same run."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report("batched")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,12 +103,15 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
         from ..training.a3c import train_a3c
         from ..training.settings import preset
 
-        agents: dict[str, Any] = {} if self.agents is None else {"num_agents": self.agents}
-        settings = dataclasses.replace(preset(self.preset), **self.changes(), **agents)
+        settings = dataclasses.replace(preset(self.preset), **self.changes())
         scenario = self.scenario()
         with _progress(settings.max_updates) as progress:
             result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
         self.report(result)
+
+    def changes(self) -> dict[str, Any]:
+        """The settings that differ from the preset's."""
+        return super().changes() | ({} if self.agents is None else {"num_agents": self.agents})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +126,10 @@ class TrainBatchedCommand(_TrainOptions):
     """rho, correlation between trackers; with several of both, every pair."""
     scenario_file: Path | None = None
     """A TOML file with any other fields of the scenario; what it does not name is Table I."""
+    symmetric: bool | None = None
+    """x, y and z are one network that learns from all three views of a window."""
+    varied_start: bool | None = None
+    """Half of the chases begin nearer to their target."""
     precision: Precision | None = None
     """Of the networks' products; parameters and Adam are float32 either way."""
     threads: int = 2
@@ -135,13 +142,17 @@ class TrainBatchedCommand(_TrainOptions):
         from ..training.batched import train_batched
         from ..training.settings import preset
 
-        precision: dict[str, Any] = {} if self.precision is None else {"precision": self.precision}
-        settings = dataclasses.replace(preset(self.preset), **self.changes(), **precision)
+        settings = dataclasses.replace(preset(self.preset), **self.changes())
         with _progress(settings.max_updates) as progress:
             result = train_batched(
                 self.scenarios(), settings, self.folder, self.resume, progress, self.threads, self.device
             )
         self.report(result)
+
+    def changes(self) -> dict[str, Any]:
+        """The settings that differ from the preset's."""
+        given = {"symmetric": self.symmetric, "varied_start": self.varied_start, "precision": self.precision}
+        return super().changes() | {name: value for name, value in given.items() if value is not None}
 
     def scenarios(self) -> list[Scenario]:
         """Every pair of F and rho.

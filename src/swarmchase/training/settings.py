@@ -116,7 +116,9 @@ _FAST = TrainingSettings(
     evaluation_interval=500,
     checkpoint_interval=500,
 )
-_A2C = dataclasses.replace(_FAST, num_agents=1, chases_per_agent=64, precision="bfloat16")
+_A2C = dataclasses.replace(
+    _FAST, num_agents=1, chases_per_agent=32, learning_rate=5e-4, max_gradient_norm=10.0, precision="bfloat16"
+)
 
 PRESETS: dict[str, TrainingSettings] = {
     "paper": TrainingSettings(),
@@ -126,11 +128,8 @@ PRESETS: dict[str, TrainingSettings] = {
         _A2C,
         passes_per_rollout=3,
         losses=LossSettings(objective="ppo", discount=0.5, gae_lambda=0.9),
-        max_gradient_norm=10.0,
     ),
-    "all-actions": dataclasses.replace(
-        _A2C, losses=LossSettings(objective="all_actions", discount=0.5), max_gradient_norm=10.0
-    ),
+    "all-actions": dataclasses.replace(_A2C, losses=LossSettings(objective="all_actions", discount=0.5)),
     "counterfactual": TrainingSettings(
         num_agents=1,
         chases_per_agent=64,
@@ -155,7 +154,7 @@ eight chases at a time, the learning rate falls from twenty times the paper's to
 The rewards of a chase add up to the distance won, whatever the way. With a discount of 0.99 a wrong movement near the
 target that the next one takes back costs next to nothing and is hardly ever unlearned; with 0.5 it costs what it is.
 
-The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 64 chases; ``ppo`` and ``all-actions``
+The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 32 chases; ``ppo`` and ``all-actions``
 change its objective; ``counterfactual`` regresses the rewards of all choices and learns fastest by far.
 """
 
