@@ -321,8 +321,8 @@ def test_a_resumed_run_keeps_the_best_of_before(tmp_path):
     assert (tmp_path / "best.safetensors").read_bytes() == weights
 
 
-def test_a_run_without_an_evaluation_leaves_its_last_weights(tmp_path):
-    result = train(tmp_path, dataclasses.replace(SETTINGS, max_updates=2))
+def test_a_run_stopped_before_its_first_evaluation_leaves_its_last_weights(tmp_path):
+    result = train(tmp_path, interrupt_at=2)
     assert result.best is None
     assert result.weights == tmp_path / "last.safetensors"
     networks, configuration = load_weights(result.weights)

@@ -87,7 +87,8 @@ def test_the_table_holds_the_very_chases_of_evaluate(few_cells: list[Cell], tmp_
             )
     metadata = json.loads(pq.read_schema(tmp_path / TABLE_FILE).metadata[b"swarmchase"])
     assert metadata["command"] == "swarmchase reproduce --episodes 7 --seed 3"
-    assert set(metadata) == {"version", "command", "scenario", "differs_by_row"}
+    assert set(metadata) == {"version", "command", "weights_sha256", "scenario", "differs_by_row"}
+    assert set(metadata["weights_sha256"]) == {"oracle-F10-rho0.9", "random-F100-rho0.1"}
 
 
 def test_interrupted_it_goes_on_behind_the_last_block(
@@ -109,28 +110,44 @@ def test_interrupted_it_goes_on_behind_the_last_block(
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path / "parts", 7, 3, 1)
     assert not (tmp_path / "parts" / TABLE_FILE).exists()
-    told: list[int] = []
-    assert reproduce(tmp_path / "parts", 7, 3, 1, lambda chases, _cell: told.append(chases)) == whole
+    told: list[tuple[int, int]] = []
+    assert reproduce(tmp_path / "parts", 7, 3, 1, lambda *news: told.append(news[:2])) == whole
     assert evaluated == [("random", 3, 3), ("random", 6, 1)]
     assert told == sorted(told)
-    assert told[-1] == 14
+    assert told[-1] == (14, 10)  # of all chases ten were found on disk
     assert (tmp_path / "parts" / TABLE_FILE).read_bytes() == (tmp_path / "whole" / TABLE_FILE).read_bytes()
 
 
-@pytest.mark.parametrize("change", ["seed", "episodes", "weights", "damage"])
+@pytest.mark.parametrize("change", ["nothing", "version", "weights", "damage"])
 def test_a_block_of_another_run_is_made_anew(
     few_cells: list[Cell], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
-    reproduce(tmp_path, 3, 3, 1)
-    seed, episodes = (4, 3) if change == "seed" else (3, 2) if change == "episodes" else (3, 3)
-    if change == "weights":
+    first = reproduce(tmp_path, 3, 3, 1)
+    if change == "version":
         monkeypatch.setattr(reproduction, "__version__", "another")
-    for block in (tmp_path / "blocks").iterdir():
-        if change == "damage":
+    if change == "weights":
+        monkeypatch.setattr(reproduction, "weights_sha256", lambda *_: "another")
+    if change == "damage":
+        for block in (tmp_path / "blocks").iterdir():
             block.write_bytes(block.read_bytes()[:-20])
-    again = reproduce(tmp_path, episodes, seed, 1)
-    fresh = reproduce(tmp_path.parent / f"{tmp_path.name}-fresh", episodes, seed, 1)
-    assert again == fresh
+    evaluated: list[str] = []
+
+    def counted(scenario: Any, controller: str, *arguments: Any, **options: Any) -> Any:
+        evaluated.append(controller)
+        return evaluate(scenario, controller, *arguments, **options)
+
+    monkeypatch.setattr(reproduction, "evaluate", counted)
+    assert reproduce(tmp_path, 3, 3, 1) == first
+    assert evaluated == ([] if change == "nothing" else ["oracle", "random"])
+
+
+def test_a_folder_with_another_runs_table_is_refused_and_left_as_it_is(few_cells: list[Cell], tmp_path: Path) -> None:
+    reproduce(tmp_path, 3, 3, 1)
+    before = (tmp_path / TABLE_FILE).read_bytes()
+    for episodes, seed in ((2, 3), (3, 4)):
+        with pytest.raises(InputError, match="choose another folder"):
+            reproduce(tmp_path, episodes, seed, 1)
+    assert (tmp_path / TABLE_FILE).read_bytes() == before
 
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -235,16 +252,16 @@ def test_the_figures_lie_on_disk_as_png_and_pdf(tmp_path: Path) -> None:
 def test_the_command_leaves_the_table_the_figures_and_one_json_object(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two chases of each setting with the trained controllers, from one command."""
+    """One chase of each setting with the trained controllers, from one command."""
     folder = tmp_path / "out"
-    main(["reproduce", "--episodes", "2", "--seed", "9", "--processes", "1", "--folder", str(folder), "--json"])
+    main(["reproduce", "--episodes", "1", "--seed", "9", "--processes", "1", "--folder", str(folder), "--json"])
     output = capsys.readouterr()
     summaries = json.loads(output.out)["summaries"]
     assert len(summaries) == len(cells())
     assert {
         (row["sampling_hz"], row["spatial_correlation"]) for row in summaries if row["controller"] == "paper"
     } == TWELVE
-    assert all(row["episodes"] == 2 and row["seed"] == 9 for row in summaries)
+    assert all(row["episodes"] == 1 and row["seed"] == 9 for row in summaries)
     names = {path.name for path in folder.iterdir()}
     assert {TABLE_FILE, FADING_FILE, "results.md", "fig3-fading.png", "fig7-tracking-time.pdf"} <= names
     assert (folder / "results.md").read_text().startswith("| rho | F (Hz) |")

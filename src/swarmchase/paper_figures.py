@@ -32,6 +32,8 @@ CORRELATION_STYLE = dict(zip(SPATIAL_CORRELATION, (("#0072B2", "s"), ("#D55E00",
 ORACLE_COLOR = "#808080"
 CONFIDENCE = 0.95
 STATED = "stated in the paper"
+STATED_TIME = "stated in the paper (its speed is inferred)"
+MOST_SHOWN = 220
 FORMATS = (".png", ".pdf")
 
 Movements = Mapping[tuple[str, float, float], Sequence[int]]
@@ -102,7 +104,10 @@ def reward_figure(chases: Sequence[dict[str, Any]]) -> Figure:
 
 
 def movement_figure(movements: Movements) -> Figure:
-    """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz)."""
+    """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz).
+
+    Chases beyond the last movement shown, failed ones among them, are what a curve lacks of 1 there.
+    """
     figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
     panels = figure.subplots(1, len(SPATIAL_CORRELATION), sharey=True)
     [oracle] = [values for (controller, _, _), values in movements.items() if controller == "oracle"]
@@ -115,7 +120,7 @@ def movement_figure(movements: Movements) -> Figure:
             if stated is not None:
                 _mark_stated(axes, stated, 0.9, color)
         axes.axhline(0.9, color="black", linewidth=0.4)
-        axes.set(xscale="log", xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02), xlim=(13, 220))
+        axes.set(xscale="log", xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xticks([15, 20, 30, 50, 100, 200], ["15", "20", "30", "50", "100", "200"])
     panels[0].set_ylabel("share of chases")
@@ -175,7 +180,7 @@ def tracking_time_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
             if speed == "5":
                 for (sampling_hz, stated_correlation), stated in TRACKING_TIME_S.items():
                     if stated_correlation == correlation:
-                        _mark_stated(axes, sampling_hz, stated, color)
+                        _mark_stated(axes, sampling_hz, stated, color, STATED_TIME)
         _draw_oracle_time(axes, summaries, float(speed))
         _sampling_axis(axes)
         axes.set(title=f"v = {speed} m/s", ylim=(0, None))
@@ -218,7 +223,7 @@ def _draw_with_bars(
     axes: Axes,
     rows: Sequence[dict[str, Any]],
     values: Sequence[float],
-    intervals: Sequence[Sequence[float]],
+    intervals: Sequence[Sequence[float] | None],
     color: str,
     marker: str,
     line: str,
@@ -227,8 +232,9 @@ def _draw_with_bars(
 ) -> None:
     if not rows:
         return
-    below = [value - low for value, (low, _) in zip(values, intervals, strict=True)]
-    above = [high - value for value, (_, high) in zip(values, intervals, strict=True)]
+    bounds = [interval or (value, value) for value, interval in zip(values, intervals, strict=True)]
+    below = [value - low for value, (low, _) in zip(values, bounds, strict=True)]
+    above = [high - value for value, (_, high) in zip(values, bounds, strict=True)]
     axes.errorbar(
         [row["sampling_hz"] for row in rows],
         values,
@@ -253,13 +259,13 @@ def _sampling_axis(axes: Axes) -> None:
 def _star_last(axes: Axes) -> tuple[list[Any], list[Any]]:
     """Handles and labels of a legend."""
     handles, labels = axes.get_legend_handles_labels()
-    order = sorted(range(len(labels)), key=lambda number: labels[number] == STATED)
+    order = sorted(range(len(labels)), key=lambda number: labels[number].startswith(STATED))
     return [handles[number] for number in order], [labels[number] for number in order]
 
 
-def _mark_stated(axes: Axes, x: float | int, y: float | int, color: str) -> None:
+def _mark_stated(axes: Axes, x: float | int, y: float | int, color: str, label: str = STATED) -> None:
     """A star where the paper states a value; named once in the legend."""
-    named = any(line.get_label() == STATED for line in axes.get_lines())
+    named = any(line.get_label() == label for line in axes.get_lines())
     axes.plot(
         [x],
         [y],
@@ -269,6 +275,6 @@ def _mark_stated(axes: Axes, x: float | int, y: float | int, color: str) -> None
         markeredgecolor="white",
         markeredgewidth=0.5,
         linestyle="none",
-        label=None if named else STATED,
+        label=None if named else label,
         zorder=5,
     )

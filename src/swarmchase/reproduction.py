@@ -37,6 +37,10 @@ FADING_SETTINGS = ((20.0, 0.1), (10.0, 0.9))
 """(F, rho) of Fig. 3 (a) and (b)."""
 
 
+Finished = Callable[[int, int, str], None]
+"""Is told the chases that have ended in all, how many of them an earlier run had left, and the cell at work."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """One controller in one of the paper's settings."""
@@ -68,42 +72,72 @@ def cells() -> list[Cell]:
 
 
 def reproduce(
-    folder: Path, episodes: int, seed: int, processes: int, finished: Callable[[int, str], None] | None = None
+    folder: Path, episodes: int, seed: int, processes: int, finished: Finished | None = None
 ) -> list[Evaluation]:
     """Evaluate every cell; the table and the fading examples lie in ``folder`` afterwards.
 
-    ``finished`` is told the chases that have ended in all, those of an earlier run included, and the cell at work.
-
     Raises:
-        InputError: no episodes, a folder that cannot be written, or one with blocks of another run.
+        InputError: no episodes, a folder that cannot be written, or one with the table of another run.
         WorkerDiedError: a process was killed.
     """
     if episodes < 1:
         raise InputError(f"episodes = {episodes} is refused: allowed is at least 1")
+    if seed < 0:
+        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
+    _require_same_command(folder / TABLE_FILE, _command(episodes, seed))
     require_writable_folder(folder)
-    report = finished or (lambda _chases, _cell: None)
-    ended = 0
+    count = _Count(finished or (lambda _chases, _found, _cell: None))
     evaluations = []
     for cell in cells():
+        count.cell = cell.name
         chases: list[ChaseResult] = []
         for first in range(0, episodes, BLOCK_CHASES):
             block = _Block(folder, cell, seed, first, min(BLOCK_CHASES, episodes - first))
-            before = ended + len(chases)
-            report(before, cell.name)
-            chases.extend(block.load() or block.run(processes, _counted(report, before, cell.name)))
-        ended += episodes
+            kept = block.load()
+            chases.extend(block.run(processes, count.running) if kept is None else kept)
+            count.block_ended(block.episodes, found=kept is not None)
         evaluations.append(Evaluation(cell.scenario, cell.controller, None, seed, chases))
-    report(ended, "")
     _save(folder / TABLE_FILE, movement_table(evaluations))
     _save(folder / FADING_FILE, fading_table(seed))
     return evaluations
 
 
-def _counted(report: Callable[[int, str], None], before: int, cell: str) -> Callable[[int], None]:
-    def finished(chases: int) -> None:
-        report(before + chases, cell)
+@dataclass
+class _Count:
+    """Chases that have ended in all, and those of them that were found on disk."""
 
-    return finished
+    report: Finished
+    cell: str = ""
+    ended: int = 0
+    found: int = 0
+
+    def running(self, chases: int) -> None:
+        """So many of the block at work have ended."""
+        self.report(self.ended + chases, self.found, self.cell)
+
+    def block_ended(self, chases: int, found: bool) -> None:
+        """A block is complete."""
+        self.ended += chases
+        self.found += chases if found else 0
+        self.report(self.ended, self.found, self.cell)
+
+
+def _command(episodes: int, seed: int) -> str:
+    return f"swarmchase reproduce --episodes {episodes} --seed {seed}"
+
+
+def _require_same_command(path: Path, command: str) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.exists():
+        return
+    try:
+        before = json.loads(pq.read_schema(path).metadata[b"swarmchase"])["command"]
+    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
+        before = "something else"
+    if before != command:
+        raise InputError(f"{path} was made by {before!r}, not by {command!r}: choose another folder")
 
 
 @dataclass(frozen=True)
@@ -118,17 +152,16 @@ class _Block:
 
     @property
     def path(self) -> Path:
-        return self.folder / "blocks" / f"{self.cell.name}-{self.first_chase}.parquet"
+        name = f"{self.cell.name}-seed{self.seed}-{self.first_chase}-{self.episodes}.parquet"
+        return self.folder / "blocks" / name
 
     @property
     def origin(self) -> dict[str, Any]:
         """What its chases are a function of: another origin is another block."""
-        chosen = chosen_weights(self.cell.controller, self.cell.scenario)
-        digest = None if chosen is None else hashlib.sha256(chosen.path.read_bytes()).hexdigest()
         return {
             "version": __version__,
             "controller": self.cell.controller,
-            "weights_sha256": digest,
+            "weights_sha256": weights_sha256(self.cell.controller, self.cell.scenario),
             "scenario": self.cell.scenario.to_dict(),
             "seed": self.seed,
             "first_chase": self.first_chase,
@@ -149,6 +182,8 @@ class _Block:
             return None
 
     def run(self, processes: int, finished: Callable[[int], None]) -> list[ChaseResult]:
+        # Before the chases: a weights file changed while they run must not be taken for theirs.
+        metadata = {"swarmchase": json.dumps(self.origin)}
         result = evaluate(
             self.cell.scenario,
             self.cell.controller,
@@ -163,8 +198,14 @@ class _Block:
         chases = list(result.chases)
         table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
         require_writable_folder(self.path.parent)
-        _save(self.path, table.replace_schema_metadata({"swarmchase": json.dumps(self.origin)}))
+        _save(self.path, table.replace_schema_metadata(metadata))
         return chases
+
+
+def weights_sha256(controller: str, scenario: Scenario) -> str | None:
+    """Which weights a trained controller has; None for one that has none."""
+    chosen = chosen_weights(controller, scenario)
+    return None if chosen is None else hashlib.sha256(chosen.path.read_bytes()).hexdigest()
 
 
 def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
@@ -184,7 +225,13 @@ def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
     }
     origin = {
         "version": __version__,
-        "command": f"swarmchase reproduce --episodes {len(evaluations[0].chases)} --seed {evaluations[0].seed}",
+        "command": _command(len(evaluations[0].chases), evaluations[0].seed),
+        "weights_sha256": {
+            Cell(one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation).name: weights_sha256(
+                one.controller, one.scenario
+            )
+            for one in evaluations
+        },
         "scenario": paper_scenario().to_dict(),
         "differs_by_row": ["sampling_hz", "spatial_correlation"],
     }

@@ -94,12 +94,13 @@ def _percentile(row: dict[str, Any]) -> str:
 
 
 def _mean(row: dict[str, Any]) -> str:
-    return f"{row['movements_mean']:.2f}" + _bounds(row["movements_mean_ci95"], 2)
+    return f"{row['movements_mean']:.2f}" + shown_interval(row["movements_mean_ci95"], 2)
 
 
 def _time(row: dict[str, Any], speed: str) -> str:
-    return f"{row['tracking_time_mean_s'][speed]:.1f} s" + _bounds(row["tracking_time_mean_s_ci95"][speed], 1)
+    return f"{row['tracking_time_mean_s'][speed]:.1f} s" + shown_interval(row["tracking_time_mean_s_ci95"][speed], 1)
 
 
-def _bounds(interval: Sequence[float] | None, digits: int) -> str:
+def shown_interval(interval: Sequence[float] | None, digits: int) -> str:
+    """`` [low, high]``; nothing where there is none."""
     return "" if interval is None else f" [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"

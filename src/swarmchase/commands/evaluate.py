@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
+from ..results_report import shown_interval
 from .options import ActionChoice, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar
 
@@ -80,18 +81,16 @@ def summary_table(summaries: list[dict[str, Any]]) -> Table:
     return table
 
 
-def _interval(bounds: list[float] | None, digits: int) -> str:
-    return "" if bounds is None else f" [{bounds[0]:.{digits}f}, {bounds[1]:.{digits}f}]"
-
-
 _SHOWN: dict[str, Callable[[dict[str, Any]], str]] = {
     "F": lambda row: f"{row['sampling_hz']:g} Hz",
     "ρ": lambda row: f"{row['spatial_correlation']:g}",
     "chases": lambda row: f"{row['episodes']}",
     "reached": lambda row: f"{100 * row['success_rate']:.2f} %",
-    "movements, mean": lambda row: f"{row['movements_mean']:.1f}" + _interval(row["movements_mean_ci95"], 1),
-    "movements, median": lambda row: f"{row['movements_p50']:g}" + _interval(row["movements_p50_ci95"], 0),
-    "movements, 90th percentile": lambda row: f"{row['movements_p90']:g}" + _interval(row["movements_p90_ci95"], 0),
+    "movements, mean": lambda row: f"{row['movements_mean']:.1f}" + shown_interval(row["movements_mean_ci95"], 1),
+    "movements, median": lambda row: f"{row['movements_p50']:g}" + shown_interval(row["movements_p50_ci95"], 0),
+    "movements, 90th percentile": lambda row: (
+        f"{row['movements_p90']:g}" + shown_interval(row["movements_p90_ci95"], 0)
+    ),
     "movements, most": lambda row: f"{row['movements_max']}",
     "mean tracking time at 2 m/s": lambda row: f"{row['tracking_time_mean_s']['2']:.0f} s",
     "mean tracking time at 5 m/s": lambda row: f"{row['tracking_time_mean_s']['5']:.0f} s",

@@ -17,8 +17,8 @@ QUICK_EPISODES = 100
 class ReproduceCommand:
     """Evaluate the paper's twelve settings, draw its Figures 3 to 7. Interrupted, it goes on where it was."""
 
-    folder: Path = Path("reproduction")
-    """Folder for reproduction.parquet, fading.parquet, results.md and the figures (PNG and PDF)."""
+    folder: Path | None = None
+    """Folder for the table, results.md and the figures in PNG and PDF (default: reproduction, reproduction-quick)."""
     episodes: int | None = None
     """Chases of each setting (default: the paper's 10,000)."""
     quick: bool = False
@@ -38,43 +38,44 @@ class ReproduceCommand:
         if self.quick and self.episodes is not None:
             raise InputError(f"--quick is {QUICK_EPISODES} episodes: give one of --quick and --episodes")
         episodes = QUICK_EPISODES if self.quick else EPISODES if self.episodes is None else self.episodes
+        folder = self.folder or Path("reproduction-quick" if self.quick else "reproduction")
         began_s = time.monotonic()
-        at_start: list[int] = []
         with progress_bar("reproduce", episodes * len(cells()), "chases/s") as show:
 
-            def finished(chases: int, cell: str) -> None:
-                at_start.append(chases) if not at_start else None
-                show(chases, f"{(chases - at_start[0]) / (time.monotonic() - began_s):.1f}", cell)
+            def finished(chases: int, found: int, cell: str) -> None:
+                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
 
-            evaluations = reproduce(self.folder, episodes, self.seed, self.processes, finished)
+            evaluations = reproduce(folder, episodes, self.seed, self.processes, finished)
         summaries = [one.summary() for one in evaluations]
-        pictures = self._draw(evaluations, summaries)
-        self._report(summaries)
+        pictures = _draw(folder, evaluations, summaries)
+        _report(folder, summaries)
         for picture in pictures:
             CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
         if self.json:
-            print_json({"folder": str(self.folder), "summaries": summaries})
+            print_json({"folder": str(folder), "summaries": summaries})
 
-    def _draw(self, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
-        import pyarrow.parquet as pq
 
-        from ..controllers.shipped import training_log
-        from ..paper_figures import draw_all
-        from ..reproduction import FADING_FILE
+def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
+    import pyarrow.parquet as pq
 
-        movements = {
-            (one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation): [
-                chase.movements for chase in one.chases
-            ]
-            for one in evaluations
-        }
-        fading = pq.read_table(self.folder / FADING_FILE).to_pylist()
-        return draw_all(self.folder, fading, training_log(), movements, summaries)
+    from ..controllers.shipped import training_log
+    from ..paper_figures import draw_all
+    from ..reproduction import FADING_FILE
 
-    def _report(self, summaries: list[dict[str, Any]]) -> None:
-        from ..files import write_text_atomically
-        from ..results_report import report_tables
+    movements = {
+        (one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation): [
+            chase.movements for chase in one.chases
+        ]
+        for one in evaluations
+    }
+    fading = pq.read_table(folder / FADING_FILE).to_pylist()
+    return draw_all(folder, fading, training_log(), movements, summaries)
 
-        text = "\n\n".join(report_tables(summaries).values()) + "\n"
-        write_text_atomically(self.folder / "results.md", text)
-        CONSOLE.print(Markdown(text))
+
+def _report(folder: Path, summaries: list[dict[str, Any]]) -> None:
+    from ..files import write_text_atomically
+    from ..results_report import report_tables
+
+    text = "\n\n".join(report_tables(summaries).values()) + "\n"
+    write_text_atomically(folder / "results.md", text)
+    CONSOLE.print(Markdown(text))

@@ -30,6 +30,8 @@ class _TrainOptions:
     """Adam's learning rate."""
     final_learning_rate: float | None = None
     """The rate falls linearly to this."""
+    agents: int | None = None
+    """Local agents; the batched trainer's take turns, so many for each setting."""
     chases_per_agent: int | None = None
     """Chases each local agent plays at a time; the paper's agents play one."""
     updates: int | None = None
@@ -53,6 +55,7 @@ class _TrainOptions:
             "initial_weights": None if self.initial_weights is None else str(self.initial_weights),
             "learning_rate": self.learning_rate,
             "final_learning_rate": self.final_learning_rate,
+            "num_agents": self.agents,
             "chases_per_agent": self.chases_per_agent,
             "max_updates": self.updates,
             "seed": self.seed,
@@ -95,8 +98,6 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
     """paper is Table I exactly; the options below change it."""
     schedule: Schedule = "processes"
     """Asynchronous processes, or the same agents in turn in one process, which is bit-reproducible."""
-    agents: int | None = None
-    """Local agents."""
 
     def run(self) -> None:
         """Train and report."""
@@ -109,10 +110,6 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
             result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
         self.report(result)
 
-    def changes(self) -> dict[str, Any]:
-        """The settings that differ from the preset's."""
-        return super().changes() | ({} if self.agents is None else {"num_agents": self.agents})
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrainBatchedCommand(_TrainOptions):
@@ -120,10 +117,10 @@ class TrainBatchedCommand(_TrainOptions):
 
     preset: str = "counterfactual"
     """a2c, ppo, all-actions or counterfactual; the options below change it."""
-    sampling_hz: tuple[float, ...] = (10.0,)
-    """F, RSSI samples a second; several train one set of networks for all of them."""
-    spatial_correlation: tuple[float, ...] = (0.9,)
-    """rho, correlation between trackers; with several of both, every pair."""
+    sampling_hz: tuple[float, ...] = ()
+    """F, RSSI samples a second (default 10); several train one set of networks for all of them."""
+    spatial_correlation: tuple[float, ...] = ()
+    """rho, correlation between trackers (default 0.9); with several of both, every pair."""
     scenario_file: Path | None = None
     """A TOML file with any other fields of the scenario; what it does not name is Table I."""
     symmetric: bool | None = None
@@ -164,8 +161,8 @@ class TrainBatchedCommand(_TrainOptions):
             ScenarioOptions(
                 sampling_hz=sampling_hz, spatial_correlation=correlation, scenario_file=self.scenario_file
             ).scenario()
-            for correlation in self.spatial_correlation
-            for sampling_hz in self.sampling_hz
+            for correlation in self.spatial_correlation or (None,)
+            for sampling_hz in self.sampling_hz or (None,)
         ]
 
 

@@ -8,19 +8,21 @@ process, which is bit-reproducible.
 """
 
 from pathlib import Path
+from typing import get_args
 
+from ..errors import InputError
 from ..scenario import Scenario
 from .in_turn import run_in_turn
 from .processes import run_processes
 from .run import Progress, TrainingResult, open_run
-from .settings import Schedule, TrainingSettings
+from .settings import A3CSchedule, TrainingSettings
 
 
 def train_a3c(
     scenario: Scenario,
     settings: TrainingSettings,
     folder: Path,
-    schedule: Schedule = "processes",
+    schedule: A3CSchedule = "processes",
     resume: bool = False,
     progress: Progress | None = None,
 ) -> TrainingResult:
@@ -32,6 +34,8 @@ def train_a3c(
         InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true.
         WorkerDiedError: an agent ended unexpectedly.
     """
+    if schedule not in get_args(A3CSchedule):
+        raise InputError(f"schedule = {schedule!r} is refused: allowed is {' or '.join(get_args(A3CSchedule))}")
     with open_run([scenario], settings, schedule, folder, resume, progress) as run:
         if schedule == "deterministic":
             run_in_turn(run)

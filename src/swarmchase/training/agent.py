@@ -70,13 +70,14 @@ class LocalAgent:
     """
 
     def __init__(
-        self, scenario: Scenario, settings: TrainingSettings, index: int, device: torch.device | str = "cpu"
+        self, scenario: Scenario, settings: TrainingSettings, index: int, local: FlatNetworks | None = None
     ) -> None:
-        self.local = FlatNetworks(new_networks(settings).to(device))
-        self._device = torch.device(device)
+        """``local`` are its own copy of the networks; agents that take turns may share one, on any device."""
+        self.local = FlatNetworks(new_networks(settings)) if local is None else local
+        self._device = self.local.vector.device
         self._index = index
         self._settings = settings
-        self._environment = Environment(scenario, device)
+        self._environment = Environment(scenario, self._device)
         first = index * settings.chases_per_agent
         self.progress = self._begun(list(range(first, first + settings.chases_per_agent)))
 

@@ -1,6 +1,6 @@
 """The batched trainer: one process, many chases at a time on one device; the rollout and the losses of A3C.
 
-Each scenario has one agent, and the agents take turns. With one scenario, ``a2c`` is A3C with one worker.
+Each scenario has ``num_agents`` agents, and all of them take turns. With one of each, ``a2c`` is A3C with one worker.
 
     swarmchase train batched --sampling-hz 100 --spatial-correlation 0.5 --preset counterfactual --folder runs/one
 """
@@ -29,7 +29,7 @@ def train_batched(
 ) -> TrainingResult:
     """Train the four networks for one scenario, or for several at once; everything it makes lies in ``folder``.
 
-    Ctrl-C stops it cleanly: the run is saved and can be resumed, exactly.
+    Ctrl-C stops it cleanly: the run is saved and can be resumed, exactly on the same device with as many threads.
 
     Raises:
         InputError: no scenario, threads or device; the folder cannot be written, holds a run and ``resume`` is false,
@@ -39,9 +39,16 @@ def train_batched(
         raise InputError("no scenario to train for: give at least one")
     if num_threads < 1:
         raise InputError(f"threads = {num_threads} is refused: allowed is at least 1")
-    if device.startswith("cuda") and not torch.cuda.is_available():
-        raise InputError("device cuda is refused: PyTorch sees no GPU here")
-    one_each = dataclasses.replace(settings, num_agents=len(scenarios))
-    with open_run(scenarios, one_each, "batched", folder, resume, progress, device) as run:
+    _require_device(device)
+    agents_of_all = dataclasses.replace(settings, num_agents=settings.num_agents * len(scenarios))
+    with open_run(scenarios, agents_of_all, "batched", folder, resume, progress, device) as run:
         run_in_turn(run, num_threads, device)
         return run.result()
+
+
+def _require_device(device: str) -> None:
+    gpus = [f"cuda:{number}" for number in range(torch.cuda.device_count())]
+    allowed = ["cpu", *(["cuda", *gpus] if gpus else [])]
+    if device not in allowed:
+        found = "" if gpus else "; PyTorch sees no GPU here"
+        raise InputError(f"device = {device!r} is refused: allowed is {', '.join(allowed)}{found}")

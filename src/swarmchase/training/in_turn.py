@@ -7,6 +7,7 @@ import torch
 
 from .agent import LocalAgent
 from .evaluator import Evaluator
+from .parameters import FlatNetworks, new_networks
 from .run import TrainingRun
 from .worker import make_global_agent, work_once
 
@@ -15,8 +16,9 @@ def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | s
     """Train until the run ends; the auxiliary agent evaluates between the others' turns."""
     settings = run.settings
     global_agent = make_global_agent(settings, run.shared, contextlib.nullcontext())
+    local = FlatNetworks(new_networks(settings).to(device))  # one for all: each fills it anew at its turn
     agents = [
-        LocalAgent(run.scenarios[index % len(run.scenarios)], settings, index, device)
+        LocalAgent(run.scenarios[index % len(run.scenarios)], settings, index, local)
         for index in range(settings.num_agents)
     ]
     for agent, snapshot in zip(agents, run.point.agents, strict=False):
@@ -29,7 +31,7 @@ def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | s
             run.environment_steps += work_once(agent, global_agent)
             for finished in agent.finished_chases(global_agent.updates):
                 run.chase_ended(finished)
-            if _has_passed(settings.evaluation_interval, before, global_agent.updates):
+            if _has_passed(settings.evaluation_interval, before, global_agent.updates) or global_agent.finished:
                 evaluation = evaluator.evaluate(global_agent.snapshot())
                 run.evaluated(evaluation, evaluator.best, evaluator.meets_criterion(evaluation))
             if _has_passed(settings.checkpoint_interval, before, global_agent.updates):

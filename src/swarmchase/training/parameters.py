@@ -6,6 +6,7 @@ are views of it.
 
 import torch
 
+from ..errors import InputError
 from ..networks import ActorCritic, Networks, SwarmNetworks, SymmetricNetworks, with_policy_scale
 from .settings import TrainingSettings
 
@@ -39,7 +40,17 @@ def new_networks(settings: TrainingSettings, generator: torch.Generator | None =
 
 
 def continued_networks(settings: TrainingSettings, start: SwarmNetworks) -> Networks:
-    """Networks in the form that these settings train, which decide as ``start`` does."""
+    """Networks in the form that these settings train, which decide as ``start`` does.
+
+    Raises:
+        InputError: one network is to stand for x, y and z, and those of ``start`` are not the same.
+    """
+    if settings.symmetric:
+        x, *others = (start.by_name[name].state_dict() for name in ("x", "y", "z"))
+        if any(not torch.equal(x[name], other[name]) for other in others for name in x):
+            raise InputError(
+                "these initial weights have an x, a y and a z network of their own: train them with symmetric off"
+            )
     return _trained_form(with_policy_scale(start, settings.policy_scale), settings)
 
 

@@ -81,7 +81,7 @@ def run_processes(run: TrainingRun) -> None:
         environment_steps=_shared_zeros(settings.num_agents),
     )
     arguments = (run.scenarios, settings, run.shared, channels)
-    first_evaluation = _next_multiple(int(run.shared.updates), settings.evaluation_interval)
+    first_evaluation = _next_evaluation(int(run.shared.updates), settings)
     starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
     processes = {
         f"local agent {index}": context.Process(
@@ -210,6 +210,12 @@ def _next_multiple(updates: int, interval: int) -> int:
     return (updates // interval + 1) * interval
 
 
+def _next_evaluation(updates: int, settings: TrainingSettings) -> int:
+    """At every interval, and after the last update."""
+    following = _next_multiple(updates, settings.evaluation_interval)
+    return min(following, settings.max_updates) if updates < settings.max_updates else following
+
+
 @contextlib.contextmanager
 def _worker(channels: _Channels, who: str) -> Iterator[None]:
     """One thread, no silent death, and none left behind when the global agent is killed."""
@@ -277,6 +283,6 @@ def _auxiliary_agent_process(
                 continue
             if channels.stop.is_set() and not global_agent.finished:
                 break
-            next_evaluation = _next_multiple(global_agent.updates, settings.evaluation_interval)
+            next_evaluation = _next_evaluation(global_agent.updates, settings)
             evaluation = evaluator.evaluate(global_agent.snapshot())
             channels.mailbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))

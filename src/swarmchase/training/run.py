@@ -160,12 +160,13 @@ def open_run(
     Raises:
         InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true.
     """
+    start = None if resume else _start(settings)  # before the folder is made: its weights file may be missing
     run_folder = RunFolder(folder, scenarios, settings)
     if run_folder.has_resume_point and not resume:
         raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
     if resume and not run_folder.has_resume_point:
         raise InputError(f"folder {folder} holds no run to resume")
-    point = run_folder.load() if resume else _start(settings)
+    point = run_folder.load() if start is None else start
     run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, device)
     with contextlib.closing(run), _interrupt(run.interrupt):
         yield run

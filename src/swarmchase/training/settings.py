@@ -3,16 +3,17 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from ..controllers.learned import ActionChoice
 from ..errors import InputError
 from .losses import DISPLACEMENT_SCALE_M, LossSettings
 
 Precision = Literal["float32", "bfloat16"]
-Schedule = Literal["processes", "deterministic", "batched"]
-"""A3C in asynchronous processes, or with the same agents in turn in one process, which is bit-reproducible; or the
-batched trainer."""
+A3CSchedule = Literal["processes", "deterministic"]
+"""Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
+Schedule = Literal[A3CSchedule, "batched"]
+"""A3C's, or the batched trainer."""
 
 
 MOST_UPDATES = 2**24
@@ -87,14 +88,26 @@ class TrainingSettings:
             raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
         if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
             raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
+        for name, allowed in (("precision", get_args(Precision)), ("action_choice", get_args(ActionChoice))):
+            if getattr(self, name) not in allowed:
+                raise InputError(f"{name} = {getattr(self, name)!r} is refused: allowed is {' or '.join(allowed)}")
         if self.max_gradient_norm is not None and not 0 < self.max_gradient_norm < math.inf:
             raise InputError(f"max_gradient_norm = {self.max_gradient_norm} is refused: allowed is greater than 0")
         if self.spacing_exploration is not None and not 0 <= self.spacing_exploration <= 1:
             raise InputError(f"spacing_exploration = {self.spacing_exploration} is refused: allowed is between 0 and 1")
-        if self.losses.objective == "counterfactual" and self.update_interval < 2:
-            raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is refused: allowed is at least 0")
+        self._require_what_goes_together()
+
+    def _require_what_goes_together(self) -> None:
+        if self.passes_per_rollout > 1 and self.losses.objective != "ppo":
+            raise InputError(f"passes_per_rollout = {self.passes_per_rollout} is refused: it is for the objective ppo")
+        if self.spacing_exploration is not None and self.losses.objective != "counterfactual":
+            raise InputError(
+                f"spacing_exploration = {self.spacing_exploration} is refused: it is for the objective counterfactual"
+            )
+        if self.losses.objective == "counterfactual" and self.update_interval < 2:
+            raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
 
     @property
     def policy_scale(self) -> float:
@@ -131,7 +144,7 @@ PRESETS: dict[str, TrainingSettings] = {
     ),
     "all-actions": dataclasses.replace(_A2C, losses=LossSettings(objective="all_actions", discount=0.5)),
     "counterfactual": TrainingSettings(
-        num_agents=1,
+        num_agents=16,
         chases_per_agent=64,
         update_interval=2,
         learning_rate=1e-3,
@@ -154,8 +167,11 @@ eight chases at a time, the learning rate falls from twenty times the paper's to
 The rewards of a chase add up to the distance won, whatever the way. With a discount of 0.99 a wrong movement near the
 target that the next one takes back costs next to nothing and is hardly ever unlearned; with 0.5 it costs what it is.
 
-The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 32 chases; ``ppo`` and ``all-actions``
-change its objective; ``counterfactual`` regresses the rewards of all choices and learns fastest by far.
+The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 32 chases, a higher learning rate, clipped
+gradients and bfloat16; ``ppo`` and ``all-actions`` change its objective; ``counterfactual`` regresses the rewards of all
+choices and learns fastest by far. It has many agents, since one rollout after another is of the same chases: with 64
+chases in all, whose targets happen to lie more on one side than on the other, it learns to fly to that side and comes
+apart.
 """
 
 
