@@ -12,9 +12,9 @@ from safetensors.torch import load_file
 
 from swarmchase.channel import rssi_dbm
 from swarmchase.cli import main
-from swarmchase.controllers.weights import load_weights, save_weights
 from swarmchase.commands.train import TrainBatchedCommand
-from swarmchase.environment import Environment, counterfactual_reward_m, distance_reduction_m
+from swarmchase.controllers.weights import load_weights, save_weights
+from swarmchase.environment import Environment, State, counterfactual_reward_m, distance_reduction_m
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.networks import SwarmNetworks, SymmetricNetworks, with_policy_scale
@@ -25,9 +25,11 @@ from swarmchase.training.agent import NEAREST_START, LocalAgent
 from swarmchase.training.batched import train_batched
 from swarmchase.training.losses import LossSettings
 from swarmchase.training.parameters import continued_networks, deployed, new_networks
+from swarmchase.training.rollout import Rollout
 from swarmchase.training.run import TrainingStatus
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS, TrainingSettings
+from swarmchase.training.symmetry import mirrored
 
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
 OTHER = dataclasses.replace(WORLD, sampling_hz=100.0, spatial_correlation=0.1)
@@ -196,6 +198,48 @@ def test_the_counterfactual_rewards_are_those_of_the_choices_when_they_are_made(
         following, outcome = environment.step(state, action_from_choice(WORLD, torch.full((9, 4), choice)))
         torch.testing.assert_close(outcome.reward_m[:, 1:], known_m[:, :, choice])
         assert torch.equal(outcome.reward_m, distance_reduction_m(state, following))
+
+
+def test_a_mirrored_rollout_is_that_of_the_mirrored_world() -> None:
+    """Mirrored targets, heard without fading, chased with mirrored choices: the same windows, rewards and choices."""
+    scenario = dataclasses.replace(WORLD, rician_k=1e12)
+    environment = Environment(scenario)
+    axes = torch.tensor([[True, False, False], [False, True, True], [False, False, False], [True, True, True]])
+    start = environment.reset(chase_keys(8, 4))
+    sign = torch.where(axes, -1.0, 1.0).double()
+    turned = environment.reset(chase_keys(8, 4))
+    turned = dataclasses.replace(turned, target_position_m=start.target_position_m * sign)
+    choice = torch.tensor([[4, 0, 1, 2], [3, 4, 3, 1], [2, 0, 4, 3], [4, 1, 0, 4]])
+    turned_choice = choice.clone()
+    turned_choice[:, 1:] = torch.where(axes, 4 - choice[:, 1:], choice[:, 1:])
+
+    def one_step(state: State, chosen: torch.Tensor) -> Rollout:
+        following, outcome = environment.step(state, action_from_choice(scenario, chosen))
+        return Rollout(
+            rssi_dbm=following.rssi_dbm[None].expand(2, -1, -1, -1),
+            choice=chosen[None],
+            logits=torch.arange(20.0).view(1, 1, 4, 5).expand(1, 4, 4, 5),
+            reward_m=outcome.reward_m.float()[None],
+            counterfactual_reward_m=counterfactual_reward_m(scenario, state).float()[None],
+            valid=torch.ones(1, 4, dtype=torch.bool),
+            reached=outcome.reached,
+            truncated=outcome.truncated,
+        )
+
+    seen, world = mirrored(one_step(start, choice), axes), one_step(turned, turned_choice)
+    torch.testing.assert_close(seen.rssi_dbm, world.rssi_dbm, atol=1e-3, rtol=0)
+    assert torch.equal(seen.choice, world.choice)
+    torch.testing.assert_close(seen.reward_m, world.reward_m)
+    torch.testing.assert_close(seen.counterfactual_reward_m, world.counterfactual_reward_m)
+    assert seen.logits[0, 0, 1].tolist() == [9, 8, 7, 6, 5]
+    assert seen.logits[0, 0, 0].tolist() == [0, 1, 2, 3, 4]
+    assert seen.logits[0, 0, 2].tolist() == [10, 11, 12, 13, 14]
+
+
+def test_a_mirror_needs_displacements_that_are_symmetric() -> None:
+    lopsided = dataclasses.replace(WORLD, displacement_choices_m=(-4.0, -2.0, 0.0, 2.0, 5.0))
+    with pytest.raises(InputError, match="not symmetric about 0"):
+        LocalAgent(lopsided, preset("counterfactual"), 0)
 
 
 def test_a_varied_start_is_at_the_full_distance_in_half_of_the_chases() -> None:

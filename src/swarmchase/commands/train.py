@@ -125,6 +125,8 @@ class TrainBatchedCommand(_TrainOptions):
     """A TOML file with any other fields of the scenario; what it does not name is Table I."""
     symmetric: bool | None = None
     """x, y and z are one network that learns from all three views of a window."""
+    mirrored: bool | None = None
+    """Each axis of each rollout is learned from as it was or in a mirror, at random."""
     varied_start: bool | None = None
     """Half of the chases begin nearer to their target."""
     precision: Precision | None = None
@@ -148,7 +150,12 @@ class TrainBatchedCommand(_TrainOptions):
 
     def changes(self) -> dict[str, Any]:
         """The settings that differ from the preset's."""
-        given = {"symmetric": self.symmetric, "varied_start": self.varied_start, "precision": self.precision}
+        given = {
+            "symmetric": self.symmetric,
+            "mirrored": self.mirrored,
+            "varied_start": self.varied_start,
+            "precision": self.precision,
+        }
         return super().changes() | {name: value for name, value in given.items() if value is not None}
 
     def scenarios(self) -> list[Scenario]:

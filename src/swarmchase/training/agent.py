@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..array_types import Bool, Float, Int
 from ..batching import join_chases, pack, select_chases, unpack
 from ..environment import Environment, State
+from ..errors import InputError
 from ..networks import NETWORK_NAMES
 from ..scenario import Scenario
 from ..streams import ChaseKey, ChaseStreams
@@ -16,6 +17,7 @@ from .losses import rollout_loss
 from .parameters import FlatNetworks, new_networks
 from .rollout import Rollout, collect
 from .settings import TrainingSettings, training_seed
+from .symmetry import mirrored
 
 NEAREST_START = 1 / 40
 """Share of the distance at which a chase with a varied start may begin."""
@@ -75,6 +77,9 @@ class LocalAgent:
         """``local`` are its own copy of the networks; agents that take turns may share one, on any device."""
         self.local = FlatNetworks(new_networks(settings)) if local is None else local
         self._device = self.local.vector.device
+        choices_m = scenario.displacement_choices_m
+        if settings.mirrored and tuple(-metres for metres in reversed(choices_m)) != choices_m:
+            raise InputError(f"mirrored is refused: displacement_choices_m = {choices_m} are not symmetric about 0")
         self._index = index
         self._settings = settings
         self._environment = Environment(scenario, self._device)
@@ -105,6 +110,8 @@ class LocalAgent:
             reached=rollout.reached,
             truncated=rollout.truncated,
         )
+        if self._settings.mirrored:
+            return mirrored(rollout, (before.streams.uniform(3) < 0.5).to(self._device))
         return rollout
 
     def compute_gradient(self, rollout: Rollout) -> None:

@@ -33,9 +33,9 @@ class Evaluation:
     """The 90th percentile in each scenario."""
 
     @property
-    def order(self) -> tuple[float, float]:
-        """Smaller is better: the 90th percentile first, the mean between equals."""
-        return self.movements_p90, self.movements_mean
+    def order(self) -> tuple[float, float, float]:
+        """Smaller is better: fewer failures first, then the 90th percentile, then the mean."""
+        return 1 - self.success_rate, self.movements_p90, self.movements_mean
 
 
 def weights_configuration(

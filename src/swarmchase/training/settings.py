@@ -46,6 +46,8 @@ class TrainingSettings:
     """What is learned: objective, discount, entropy bonus, value loss and the cut at MAX_STEPS."""
     symmetric: bool = False
     """x, y and z are one network that learns from all three views of a window; weights files hold it three times."""
+    mirrored: bool = False
+    """Each axis of each rollout is learned from as it was or in a mirror, at random."""
     varied_start: bool = False
     """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
     spacing_exploration: float | None = None
@@ -152,6 +154,7 @@ PRESETS: dict[str, TrainingSettings] = {
         max_gradient_norm=1.0,
         losses=LossSettings(objective="counterfactual"),
         symmetric=True,
+        mirrored=True,
         varied_start=True,
         spacing_exploration=0.1,
         precision="bfloat16",
@@ -168,10 +171,10 @@ The rewards of a chase add up to the distance won, whatever the way. With a disc
 target that the next one takes back costs next to nothing and is hardly ever unlearned; with 0.5 it costs what it is.
 
 The others are for the batched trainer: ``a2c`` is ``fast`` with one agent of 32 chases, a higher learning rate, clipped
-gradients and bfloat16; ``ppo`` and ``all-actions`` change its objective; ``counterfactual`` regresses the rewards of all
-choices and learns fastest by far. It has many agents, since one rollout after another is of the same chases: with 64
-chases in all, whose targets happen to lie more on one side than on the other, it learns to fly to that side and comes
-apart.
+gradients and bfloat16; ``ppo`` and ``all-actions`` change its objective; ``counterfactual`` regresses the rewards of
+all choices and learns fastest by far. It has many agents and looks into the mirror, since one rollout after another is
+of the same chases: with 64 in all, whose targets happen to lie more on one side than on the other, it learns to fly to
+that side and comes apart.
 """
 
 
