@@ -72,6 +72,9 @@ def test_it_evaluates_the_papers_twelve_settings_and_the_oracle() -> None:
         assert {(one.sampling_hz, one.spatial_correlation) for one in found if one.controller == controller} == settings
     assert set(MOVEMENTS_P90) | set(TRACKING_TIME_S) <= TWELVE
     assert len({one.name for one in found}) == len(found)
+    assert {one.episodes(10_000) for one in found if one.controller == "paper-a3c"} == {2_000}
+    assert {one.episodes(10_000) for one in found if one.controller != "paper-a3c"} == {10_000}
+    assert {one.episodes(3) for one in found} == {1, 3}
 
 
 def test_the_table_holds_the_very_chases_of_evaluate(few_cells: list[Cell], tmp_path: Path) -> None:

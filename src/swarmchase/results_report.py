@@ -40,15 +40,16 @@ def percentile_table(summaries: Summaries) -> str:
 def a3c_table(summaries: Summaries) -> str:
     """The settings for which a controller was trained by A3C alone."""
     lines = [
-        "| rho | F (Hz) | paper | `paper-a3c` | `paper` | mean, `paper-a3c` | most | reached |",
-        "|---|---|---|---|---|---|---|---|",
+        "| rho | F (Hz) | paper | `paper-a3c` | `paper` | mean, `paper-a3c` | most | reached | chases |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in _of(summaries, "paper-a3c"):
         setting = (row["sampling_hz"], row["spatial_correlation"])
         [best] = _of(summaries, "paper", *setting)
         lines.append(
             f"| {setting[1]:g} | {setting[0]:g} | {MOVEMENTS_P90.get(setting, '-')} | {_percentile(row)} | "
-            f"{_percentile(best)} | {_mean(row)} | {row['movements_max']} | {100 * row['success_rate']:.2f} % |"
+            f"{_percentile(best)} | {_mean(row)} | {row['movements_max']} | {100 * row['success_rate']:.2f} % | "
+            f"{row['episodes']:,} |"
         )
     return "\n".join(lines)
 

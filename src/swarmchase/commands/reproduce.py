@@ -40,7 +40,8 @@ class ReproduceCommand:
         episodes = QUICK_EPISODES if self.quick else EPISODES if self.episodes is None else self.episodes
         folder = self.folder or Path("reproduction-quick" if self.quick else "reproduction")
         began_s = time.monotonic()
-        with progress_bar("reproduce", episodes * len(cells()), "chases/s") as show:
+        total = sum(cell.episodes(episodes) for cell in cells())
+        with progress_bar("reproduce", total, "chases/s") as show:
 
             def finished(chases: int, found: int, cell: str) -> None:
                 show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
