@@ -13,7 +13,7 @@ PACKAGE = Path(swarmchase.__file__).parent
 
 ROOMS = [
     # A module imports of its own room and of the rooms before it, never of one behind it.
-    {"swarmchase", "errors", "files", "array_types", "scenario", "streams", "batching", "tensor_files"},
+    {"swarmchase", "errors", "files", "memory", "array_types", "scenario", "streams", "batching", "tensor_files"},
     {"target", "channel", "formation", "observation"},
     {"environment"},
     {"networks"},

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from ..memory import keep_freed_memory
 from ..networks import SwarmNetworks
 from ..scenario import Scenario, paper_scenario
 from ..training.agent import LocalAgent
@@ -87,6 +88,7 @@ def _worker(
     updates: int,
 ) -> None:
     torch.set_num_threads(1)
+    keep_freed_memory()
     global_agent = make_global_agent(settings, shared, lock)
     agent = LocalAgent(scenario, settings, index)
     for _ in range(WARM_UP_UPDATES):

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import torch
 
+from ..memory import keep_freed_memory
 from .agent import LocalAgent
 from .evaluator import Evaluator
 from .parameters import FlatNetworks, new_networks
@@ -14,6 +15,7 @@ from .worker import make_global_agent, work_once
 
 def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | str = "cpu") -> None:
     """Train until the run ends; the auxiliary agent evaluates between the others' turns."""
+    keep_freed_memory()
     settings = run.settings
     global_agent = make_global_agent(settings, run.shared, contextlib.nullcontext())
     local = FlatNetworks(new_networks(settings).to(device))  # one for all: each fills it anew at its turn

@@ -19,6 +19,7 @@ from typing import Any
 import torch
 
 from ..errors import WorkerDiedError
+from ..memory import keep_freed_memory
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import Evaluation, Evaluator
@@ -220,6 +221,7 @@ def _next_evaluation(updates: int, settings: TrainingSettings) -> int:
 def _worker(channels: _Channels, who: str) -> Iterator[None]:
     """One thread, no silent death, and none left behind when the global agent is killed."""
     torch.set_num_threads(1)
+    keep_freed_memory()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
         yield
