@@ -26,7 +26,7 @@ from swarmchase.controllers.weights import save_weights
 from swarmchase.evaluation import evaluate
 from swarmchase.networks import SwarmNetworks
 from swarmchase.scenario import paper_scenario
-from swarmchase.training.settings import Schedule
+from swarmchase.training.settings import A3CSchedule, Precision
 
 COMMAND = [sys.executable, "-m", "swarmchase"]
 
@@ -99,7 +99,8 @@ def test_names_of_the_package_are_those_of_their_homes() -> None:
 def test_options_offer_what_the_package_knows() -> None:
     """Written twice, since importing them would need torch for --help."""
     assert get_args(options.ActionChoice) == get_args(ActionChoice)
-    assert get_args(train.Schedule) == get_args(Schedule)
+    assert get_args(train.Schedule) == get_args(A3CSchedule)
+    assert get_args(train.Precision) == get_args(Precision)
 
 
 def test_installed_command_is_this_package() -> None:
@@ -231,7 +232,7 @@ EVALUATE = "evaluate --controller random --episodes 2"
         # tyro's own
         ("", "Expected one of {chase, evaluate"),
         ("fly", "no command 'fly'; there are chase, evaluate"),
-        ("train", "no command 'train'; there are chase, evaluate, train a3c"),
+        ("train", "no command 'train'; there are chase, evaluate, reproduce, train a3c"),
         ("evaluate --episode 5 --colour", "Unrecognized options"),
         ("evaluate --episodes many", "Error parsing --episodes: invalid literal for int() with base 10: 'many'"),
         ("evaluate --sampling-hz fast", "Error parsing --sampling-hz"),
