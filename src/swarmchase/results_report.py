@@ -1,6 +1,6 @@
 """The tables of docs/results.md, as Markdown, from the summaries of ``reproduction``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from .paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
@@ -25,15 +25,13 @@ def percentile_table(summaries: Summaries) -> str:
         "| rho | F (Hz) | paper, 90th percentile | ours, 90th percentile | over the oracle | mean | most | reached |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for correlation in reversed(SPATIAL_CORRELATION):
-        for sampling_hz in SAMPLING_HZ:
-            for row in _of(summaries, "paper", sampling_hz, correlation):
-                excess = row["movements_p90"] / oracle["movements_p90"] - 1
-                lines.append(
-                    f"| {correlation:g} | {sampling_hz:g} | {MOVEMENTS_P90.get((sampling_hz, correlation), '-')} | "
-                    f"{_percentile(row)} | {100 * excess:+.0f} % | {_mean(row)} | {row['movements_max']} | "
-                    f"{100 * row['success_rate']:.2f} % |"
-                )
+    for sampling_hz, correlation, row in _twelve(summaries):
+        excess = row["movements_p90"] / oracle["movements_p90"] - 1
+        lines.append(
+            f"| {correlation:g} | {sampling_hz:g} | {MOVEMENTS_P90.get((sampling_hz, correlation), '-')} | "
+            f"{_percentile(row)} | {100 * excess:+.0f} % | {_mean(row)} | {row['movements_max']} | "
+            f"{100 * row['success_rate']:.2f} % |"
+        )
     return "\n".join(lines)
 
 
@@ -57,15 +55,21 @@ def a3c_table(summaries: Summaries) -> str:
 def time_table(summaries: Summaries) -> str:
     """Mean total tracking times at both speeds."""
     lines = ["| rho | F (Hz) | paper | ours at 5 m/s | ours at 2 m/s |", "|---|---|---|---|---|"]
+    for sampling_hz, correlation, row in _twelve(summaries):
+        stated = TRACKING_TIME_S.get((sampling_hz, correlation))
+        lines.append(
+            f"| {correlation:g} | {sampling_hz:g} | {'-' if stated is None else f'{stated} s'} | "
+            f"{_time(row, '5')} | {_time(row, '2')} |"
+        )
+    return "\n".join(lines)
+
+
+def _twelve(summaries: Summaries) -> Iterator[tuple[float, float, dict[str, Any]]]:
+    """F, rho and the row of ``paper`` in each of the paper's settings, the easy ones first."""
     for correlation in reversed(SPATIAL_CORRELATION):
         for sampling_hz in SAMPLING_HZ:
             for row in _of(summaries, "paper", sampling_hz, correlation):
-                stated = TRACKING_TIME_S.get((sampling_hz, correlation))
-                lines.append(
-                    f"| {correlation:g} | {sampling_hz:g} | {'-' if stated is None else f'{stated} s'} | "
-                    f"{_time(row, '5')} | {_time(row, '2')} |"
-                )
-    return "\n".join(lines)
+                yield sampling_hz, correlation, row
 
 
 def oracle_line(summaries: Summaries) -> str:
