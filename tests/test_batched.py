@@ -73,7 +73,7 @@ def train(
 def test_it_is_a3c_with_one_worker_and_the_same_chases_parameter_by_parameter(tmp_path: Path, name: str) -> None:
     settings = preset(name, precision="float32", learning_rate=1e-3)
     batched = train(tmp_path / "batched", settings)
-    train_a3c(WORLD, settings, tmp_path / "a3c", "deterministic")
+    train_a3c(WORLD, settings, tmp_path / "a3c", "processes")
     a3c = load_file(tmp_path / "a3c" / "resume.safetensors")
     assert {name: tensor.tolist() for name, tensor in a3c.items()} == {
         name: value for name, value in batched.items() if name != "log"

@@ -142,9 +142,13 @@ def test_every_module_stands_on_the_data_s_way() -> None:
     assert sorted(listed) == sorted({*there, "weights/"})
 
 
-def test_links_lead_somewhere() -> None:
-    for link in re.findall(r"\]\(([^)#]+)\)", METHOD):
-        assert (ROOT / "docs" / link).exists()
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "src/swarmchase/weights/README.md"]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_and_pictures_lead_somewhere(document: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", document.read_text(encoding="utf-8")):
+        assert (document.parent / link).exists(), link
 
 
 def test_citation_names_this_version_and_the_paper() -> None:
