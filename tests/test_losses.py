@@ -113,6 +113,8 @@ def scripted_rollout(values, reward, choice, steps, reached=False, truncated=Fal
     """One chase of ``steps`` valid steps; ``values`` are V(S_0), V(S_1), ..."""
     return Rollout(
         rssi_dbm=torch.tensor(values, dtype=torch.float64)[:, None, None, None].expand(-1, 1, 2, 6),
+        tracker_position_m=torch.zeros(len(values), 1, 6, 3),
+        memory=torch.zeros(1, 0),
         choice=torch.tensor(choice)[:, None, None].expand(-1, 1, 4),
         logits=torch.tensor(HALVING, dtype=torch.float64).log().expand(len(reward), 1, 4, 5),
         reward_m=per_step(*reward),
@@ -125,7 +127,7 @@ def scripted_rollout(values, reward, choice, steps, reached=False, truncated=Fal
 
 def together(first, second):
     """Two chases' rollouts as one of a batch of two."""
-    ends = ("reached", "truncated")
+    ends = ("reached", "truncated", "memory")
     return Rollout(
         **{
             part.name: torch.cat(
@@ -276,7 +278,7 @@ def chases_that_end_apart():
         # Movements are counted from where the table has them: the second chase has two left.
         movements = torch.tensor([5 if row == ROWS[1] else 0 for row in rows])
         state = replace(state, movements=movements)
-        return collect(environment, networks, state, ChaseStreams.of(keys, "policy"), 5)[0]
+        return collect(environment, networks, state, torch.zeros(len(keys), 0), ChaseStreams.of(keys, "policy"), 5)[0]
 
     return batch(ROWS), [batch([row]) for row in ROWS]
 

@@ -31,6 +31,10 @@ def start(chases, seed=SEED):
     return Environment(NEAR), Environment(NEAR).reset(keys), ChaseStreams.of(keys, "policy")
 
 
+NOTHING = torch.zeros(12, 0)
+"""What networks of the paper's form remember of up to twelve chases."""
+
+
 def by_hand(networks, chase, num_steps, seed=SEED):
     """One chase alone, movement by movement: windows, choices, rewards, and how it ended."""
     environment, state, streams = start([chase], seed)
@@ -50,7 +54,8 @@ def by_hand(networks, chase, num_steps, seed=SEED):
 @pytest.mark.parametrize("num_steps", [1, 5, 9])
 def test_a_rollout_is_the_chase_movement_by_movement(chase, num_steps):
     networks = new_networks()
-    rollout, state = collect(*start([chase])[:1], networks, *start([chase])[1:], num_steps)
+    environment, state, streams = start([chase])
+    rollout, state, _ = collect(environment, networks, state, NOTHING[:1], streams, num_steps)
     windows, choices, rewards, end = by_hand(networks, chase, num_steps)
     assert torch.equal(rollout.rssi_dbm, windows)
     assert torch.equal(rollout.choice, choices)
@@ -71,7 +76,7 @@ def test_the_chases_above_end_in_every_way():
 def test_a_batch_is_its_chases_and_marks_what_came_after_their_end():
     networks, chases = new_networks(), list(range(12))
     environment, state, streams = start(chases)
-    rollout, _ = collect(environment, networks, state, streams, 9)
+    rollout, *_ = collect(environment, networks, state, NOTHING, streams, 9)
     assert len(rollout.choice) == 7  # by then every chase has ended, at the latest at MAX_STEPS
     for row, chase in enumerate(chases):
         windows, choices, rewards, end = by_hand(networks, chase, 9)
@@ -85,10 +90,10 @@ def test_a_batch_is_its_chases_and_marks_what_came_after_their_end():
 
 def test_two_rollouts_are_one_of_both_lengths():
     networks, (environment, state, streams) = new_networks(), start([2])
-    whole, _ = collect(environment, networks, state, streams, 6)
+    whole, *_ = collect(environment, networks, state, NOTHING[:1], streams, 6)
     _, state, streams = start([2])
-    first, state = collect(environment, networks, state, streams, 2)
-    second, _ = collect(environment, networks, state, streams, 4)
+    first, state, _ = collect(environment, networks, state, NOTHING[:1], streams, 2)
+    second, *_ = collect(environment, networks, state, NOTHING[:1], streams, 4)
     assert torch.equal(torch.cat([first.choice, second.choice]), whole.choice)
     assert torch.equal(torch.cat([first.rssi_dbm, second.rssi_dbm[1:]]), whole.rssi_dbm)
     assert torch.equal(torch.cat([first.reward_m, second.reward_m]), whole.reward_m)
@@ -100,7 +105,7 @@ def test_reaching_at_the_last_movement_is_termination_alone():
     steps = len(by_hand(new_networks(), chase, 9)[1])
     environment, state, streams = start([chase])
     state = replace(state, movements=torch.tensor([7 - steps]))
-    rollout, state = collect(environment, new_networks(), state, streams, 9)
+    rollout, state, _ = collect(environment, new_networks(), state, NOTHING[:1], streams, 9)
     assert state.movements.tolist() == [7]
     assert (rollout.reached.tolist(), rollout.truncated.tolist()) == ([True], [False])
 
@@ -171,7 +176,7 @@ def test_an_agents_gradient_is_that_of_its_losses():
     networks, (environment, state, streams) = new_networks(), start([0])
     for _ in range(2):
         work(agent)
-        rollout, state = collect(environment, networks, state, streams, 3)
+        rollout, state, _ = collect(environment, networks, state, NOTHING[:1], streams, 3)
         networks.zero_grad()
         rollout_loss(networks, rollout, LossSettings()).sum().backward()
         for mine, theirs in zip(agent.local.networks.parameters(), networks.parameters(), strict=True):
@@ -230,5 +235,6 @@ def test_a_snapshot_that_lacks_something_is_refused_by_name():
 
 
 def test_a_rollout_carries_no_graph():
-    rollout, _ = collect(*start([0])[:1], new_networks(), *start([0])[1:], 3)
+    environment, state, streams = start([0])
+    rollout, *_ = collect(environment, new_networks(), state, NOTHING[:1], streams, 3)
     assert not any(getattr(rollout, part.name).requires_grad for part in fields(Rollout))

@@ -24,11 +24,13 @@ SHIPPED_TABLE = Path(__file__).parent.parent / "docs" / "results" / "reproductio
 
 
 def own_scenario(weights: ShippedWeights) -> Scenario:
-    return paper_scenario(sampling_hz=weights.sampling_hz, spatial_correlation=weights.spatial_correlation)
+    assert weights.setting is not None
+    sampling_hz, spatial_correlation = weights.setting
+    return paper_scenario(sampling_hz=sampling_hz, spatial_correlation=spatial_correlation)
 
 
 def test_there_is_one_for_every_setting_of_the_paper_and_by_a3c_where_it_states_figures() -> None:
-    settings = {name: {(one.sampling_hz, one.spatial_correlation) for one in FAMILIES[name]} for name in FAMILIES}
+    settings = {name: {one.setting for one in FAMILIES[name]} for name in FAMILIES}
     assert settings["paper"] == {(hertz, rho) for hertz in SAMPLING_HZ for rho in SPATIAL_CORRELATION}
     assert settings["paper-a3c"] >= set(MOVEMENTS_P90)
 
@@ -41,7 +43,7 @@ def test_a_file_is_small_and_says_what_made_it(weights: ShippedWeights) -> None:
         tensors = [file.get_tensor(name) for name in file.keys()]  # noqa: SIM118 (safe_open is no mapping)
     assert {tensor.dtype for tensor in tensors} == {torch.float16}
     assert sum(tensor.numel() for tensor in tensors) == 1_470_488
-    assert own_scenario(weights).to_dict() in document["scenarios"]
+    assert own_scenario(weights) in [Scenario.from_dict(fields) for fields in document["scenarios"]]
     objective = document["settings"]["losses"]["objective"]
     if weights.family == "paper-a3c":
         assert (objective, document["schedule"]) == ("actor_critic", "processes")
@@ -98,10 +100,11 @@ def test_the_nearest_is_chosen(sampling_hz: float, rho: float, chosen: str) -> N
     weights = chosen_weights("paper", scenario)
     assert weights is not None
     assert weights.name == chosen
-    own = (weights.sampling_hz, weights.spatial_correlation) == (sampling_hz, rho)
+    assert weights.setting is not None
+    own = weights.setting == (sampling_hz, rho)
     explanation = weights.explanation(scenario)
     assert (explanation is None) == own
-    assert own or f"that of F = {weights.sampling_hz:g} Hz, rho = {weights.spatial_correlation:g}" in str(explanation)
+    assert own or "that of F = {:g} Hz, rho = {:g}".format(*weights.setting) in str(explanation)
 
 
 def test_the_controller_is_the_chosen_file_and_the_command_says_so(capsys: pytest.CaptureFixture[str]) -> None:

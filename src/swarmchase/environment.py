@@ -13,6 +13,7 @@ from .channel import FadingProcess, FadingState, rssi_dbm
 from .errors import InputError
 from .formation import Action, tracker_position_m
 from .observation import Observation
+from .receivers import Receivers, ReceiverState
 from .scenario import Scenario
 from .streams import ChaseKey
 from .target import draw_target_position_m
@@ -39,6 +40,8 @@ class State:
     """Distance flown by the centre so far."""
     fading: FadingState
     """What the fading carries from window to window."""
+    receivers: ReceiverState
+    """What is wrong with each chase's receivers."""
 
     def observation(self) -> Observation:
         """What a controller may see of it."""
@@ -65,6 +68,7 @@ class Environment:
         self.scenario = scenario
         self._device = torch.device(device)
         self._fading = FadingProcess(scenario, device)
+        self._receivers = Receivers(scenario, device)
         self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
 
@@ -79,15 +83,16 @@ class Environment:
         target_position_m = target_position_m.to(self._device)
         center_m = torch.zeros_like(target_position_m)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
-        fading = self._fading.begin(keys)
+        fading, receivers = self._fading.begin(keys), self._receivers.begin(keys)
         return State(
             target_position_m=target_position_m,
             center_m=center_m,
             spacing_m=spacing_m,
-            rssi_dbm=self._heard_dbm(target_position_m, center_m, spacing_m, fading),
+            rssi_dbm=self._heard_dbm(target_position_m, center_m, spacing_m, fading, receivers),
             movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
             path_length_m=torch.zeros(len(keys), dtype=torch.float64, device=self._device),
             fading=fading,
+            receivers=receivers,
         )
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
@@ -105,10 +110,11 @@ class Environment:
             target_position_m=state.target_position_m,
             center_m=center_m,
             spacing_m=action.spacing_m,
-            rssi_dbm=self._heard_dbm(state.target_position_m, center_m, action.spacing_m, fading),
+            rssi_dbm=self._heard_dbm(state.target_position_m, center_m, action.spacing_m, fading, state.receivers),
             movements=state.movements + 1,
             path_length_m=state.path_length_m + travel_m,
             fading=fading,
+            receivers=state.receivers,
         )
         return following, self._outcome(state, following)
 
@@ -118,9 +124,11 @@ class Environment:
         center_m: Float[Tensor, "chase 3"],
         spacing_m: Float[Tensor, "chase"],
         fading: FadingState,
+        receivers: ReceiverState,
     ) -> Float[Tensor, "chase sample tracker"]:
         offset_m = tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]
-        return rssi_dbm(self.scenario, offset_m.norm(dim=2), self._fading.window(fading))
+        arriving_dbm = rssi_dbm(self.scenario, offset_m.norm(dim=2), self._fading.window(fading))
+        return self._receivers.reported_dbm(receivers, arriving_dbm)
 
     def _outcome(self, before: State, after: State) -> Outcome:
         reached = distance_to_target_m(after) <= self.scenario.success_radius_m

@@ -35,3 +35,10 @@ def action_from_choice(scenario: Scenario, choice: Int[Tensor, "chase 4"]) -> Ac
     spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=choice.device)
     displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=choice.device)
     return Action(spacing_m=spacing_choices_m[choice[:, 0]], displacement_m=displacement_choices_m[choice[:, 1:]])
+
+
+def nearest_choice(choices_m: tuple[float, ...], wanted_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """The choice next to what is wanted, element by element, float64."""
+    choice_m = torch.tensor(choices_m, dtype=torch.float64, device=wanted_m.device)
+    nearest_m: Tensor = choice_m[(wanted_m[..., None] - choice_m).abs().argmin(dim=-1)]
+    return nearest_m

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from .array_types import Float, Int, Tensor
-from .scenario import NUM_TRACKERS
+from .scenario import NUM_TRACKERS, Scenario
 
 NETWORK_NAMES = ("d", "x", "y", "z")
 """Superscript n of theta^n, in the order of every axis of length four in this package."""
@@ -101,7 +101,53 @@ class ActorCritic(nn.Module):
         return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
 
 
-class SwarmNetworks(nn.Module):
+class WindowNetworks(nn.Module):
+    """Networks that decide from the current window alone. Their memory of a chase is a vector of length 0."""
+
+    memory_features = 0
+    smallest_batch = 8
+    """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are to be padded."""
+
+    def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
+        """The policies alone, for acting."""
+        raise NotImplementedError
+
+    def begin(self, _scenario: Scenario, num_chases: int) -> Float[Tensor, "chase 0"]:
+        """The memory before the first window."""
+        return torch.zeros(num_chases, 0)
+
+    def decide(
+        self,
+        rssi_dbm: Float[Tensor, "chase sample 6"],
+        _tracker_position_m: Float[Tensor, "chase 6 3"],
+        memory: Float[Tensor, "chase 0"],
+    ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase 0"]]:
+        """Logits of the four policies; missing samples are filled (``filled_window_dbm``)."""
+        return self.policy_logits(filled_window_dbm(rssi_dbm)), memory
+
+    def decide_in_sequence(
+        self,
+        rssi_dbm: Float[Tensor, "step chase sample 6"],
+        _tracker_position_m: Float[Tensor, "step chase 6 3"],
+        _memory: Float[Tensor, "chase 0"],
+    ) -> Float[Tensor, "step chase 4 5"]:
+        """Logits of the four policies at every step of a rollout."""
+        logits = self.policy_logits(filled_window_dbm(rssi_dbm.flatten(0, 1)))
+        return logits.view(*rssi_dbm.shape[:2], *logits.shape[1:])
+
+
+def filled_window_dbm(rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase sample 6"]:
+    """A missing sample takes the mean of its tracker's others, a silent tracker the mean of the others, and a window of
+    nothing ``LEVEL_CENTER_DBM``: the networks were never shown a gap."""
+    valid = rssi_dbm.isfinite()
+    if valid.all():
+        return rssi_dbm.contiguous()
+    mean_dbm = torch.where(valid, rssi_dbm, torch.nan).nanmean(dim=1, keepdim=True)
+    mean_dbm = torch.where(mean_dbm.isfinite(), mean_dbm, mean_dbm.nanmean(dim=2, keepdim=True))
+    return torch.where(valid, rssi_dbm, mean_dbm.nan_to_num(LEVEL_CENTER_DBM)).contiguous()
+
+
+class SwarmNetworks(WindowNetworks):
     """theta^d, theta^x, theta^y and theta^z, four networks that share nothing."""
 
     def __init__(self, generator: torch.Generator | None = None, policy_scale: float = 1.0) -> None:
@@ -132,7 +178,7 @@ class SwarmNetworks(nn.Module):
         return self.policy_scale * torch.stack([network.policy_logits(rssi_dbm) for network in networks], dim=1)
 
 
-class SymmetricNetworks(nn.Module):
+class SymmetricNetworks(WindowNetworks):
     """theta^d, and one network in the place of theta^x, theta^y and theta^z, which hears the window from each axis.
 
     The three axes are images of one another, so one network may learn from all three: three times the data.
@@ -182,10 +228,6 @@ class SymmetricNetworks(nn.Module):
 def _by_chase(rows: Float[Tensor, "row ..."]) -> Float[Tensor, "chase 3 ..."]:
     """Rows of the x axis for every chase, then of y and of z, as one axis of three."""
     return rows.reshape(3, -1, *rows.shape[1:]).transpose(0, 1)
-
-
-Networks = SwarmNetworks | SymmetricNetworks
-"""What a trainer may train."""
 
 
 def _of_name(networks: SwarmNetworks, name: str) -> ActorCritic:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import torch
+
 from .array_types import Float, Tensor
 from .errors import InputError
 
@@ -25,3 +27,27 @@ class Observation:
                 f"rssi_dbm {tuple(self.rssi_dbm.shape)} must be [chase, sample, tracker] and tracker_position_m "
                 f"{tuple(self.tracker_position_m.shape)} the same with three coordinates"
             )
+
+
+def mean_power_dbm(observation: Observation) -> Float[Tensor, "chase tracker"]:
+    """The mean power of each tracker's valid samples, averaged in milliwatts; NaN where a tracker has none.
+
+    Of all simple statistics of a window it says most about the distance: the mean of its dB values is spoilt by a
+    few deep fades.
+    """
+    rssi_dbm = observation.rssi_dbm.float()
+    valid = rssi_dbm.isfinite()
+    # Relative to the strongest sample: ten to the power of a level below -380 dBm would be no float32.
+    strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=1)
+    relative = torch.where(valid, 10 ** ((rssi_dbm - strongest_dbm[:, None]) / 10), 0.0)
+    return strongest_dbm + 10 * torch.log10(relative.sum(dim=1) / valid.sum(dim=1))
+
+
+def mean_position_m(observation: Observation) -> Float[Tensor, "chase tracker 3"]:
+    """Where each tracker was in the window, averaged over its samples, float64."""
+    return observation.tracker_position_m.double().mean(dim=1)
+
+
+def center_m(observation: Observation) -> Float[Tensor, "chase 3"]:
+    """The centre of the swarm at the end of the window, float64."""
+    return observation.tracker_position_m[:, -1].double().mean(dim=1)

@@ -69,7 +69,7 @@ class Cell:
 def cells() -> list[Cell]:
     """What is evaluated, the easy settings first."""
     twelve = [(sampling_hz, rho) for rho in reversed(SPATIAL_CORRELATION) for sampling_hz in SAMPLING_HZ]
-    a3c = {(one.sampling_hz, one.spatial_correlation) for one in shipped_families().get("paper-a3c", [])}
+    a3c = {one.setting for one in shipped_families().get("paper-a3c", [])}
     return [
         Cell("oracle", *twelve[0]),
         *(Cell("paper", *setting) for setting in twelve),

@@ -124,6 +124,13 @@ class Scenario:
         "Displacements the controller can choose on each axis.",
     )
     initial_spacing_m: float = _constant(5.0, _POSITIVE, "d_0", "choice", "Spacing while the first window is heard.")
+    receiver_offset_db: float = _constant(
+        0.0, _Range(0.0, 100.0), "-", "choice", "Each receiver is off by a constant, drawn from plus or minus this."
+    )
+    missing_sample_share: float = _constant(0.0, _Range(0.0, 1.0), "-", "choice", "Share of the samples that get lost.")
+    silent_trackers: int = _constant(
+        0, _Range(0.0, float(NUM_TRACKERS)), "-", "choice", "Trackers, drawn for each chase, that report nothing."
+    )
     tracker_speed_mps: float = _constant(5.0, _POSITIVE, "v", "Section IV", "Speed of the swarm between two windows.")
 
     def __post_init__(self) -> None:

@@ -4,9 +4,13 @@ from pathlib import Path
 from typing import get_args
 
 from ..errors import InputError
+from ..recurrent_network import WINDOW_SAMPLES, RecurrentNetwork
 from ..scenario import Scenario
+from .gradient import GradientController
 from .learned import ActionChoice, LearnedController
+from .multilateration import MultilaterationController
 from .oracle import OracleController
+from .particle import ParticleController
 from .protocol import Controller
 from .random import RandomController
 from .shipped import chosen_weights, shipped_families
@@ -32,6 +36,12 @@ def load_controller(
         return RandomController(scenario)
     if name == "oracle":
         return OracleController(scenario)
+    if name in ("particle", "particle-unknown-power"):
+        return ParticleController(scenario, power_is_known=name == "particle")
+    if name in ("multilateration", "multilateration-unknown-power"):
+        return MultilaterationController(scenario, power_is_known=name == "multilateration")
+    if name == "gradient":
+        return GradientController(scenario)
     chosen = chosen_weights(name, scenario)
     path = Path(name_or_path) if chosen is None else chosen.path
     if chosen is None and not (path.suffix == ".safetensors" or path.is_file()):
@@ -40,6 +50,10 @@ def load_controller(
             f"no controller {name!r}; there are {names}, or give the path of a weights file (.safetensors)"
         )
     networks, configuration = load_weights(path)
+    if isinstance(networks, RecurrentNetwork) and scenario.window_samples != WINDOW_SAMPLES:
+        raise InputError(
+            f"{name} needs windows of {WINDOW_SAMPLES} samples; the scenario has {scenario.window_samples}"
+        )
     filed_choice = configuration.get("action_choice", "sampled")
     if filed_choice not in get_args(ActionChoice):
         allowed = " or ".join(map(repr, get_args(ActionChoice)))

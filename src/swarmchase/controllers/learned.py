@@ -1,7 +1,8 @@
-"""``paper`` and every other controller whose decisions come from the paper's four networks.
+"""``paper``, ``recurrent`` and every other controller whose decisions come from trained networks.
 
-It decides from the current window alone and remembers nothing. A window with missing samples (NaN) is refused: the
-networks were never shown one.
+Networks of the paper's form decide from the current window alone; the recurrent one remembers. Missing samples (NaN)
+are filled by the networks, each in its way (``networks.filled_window_dbm``, ``recurrent_network``); in a window without
+any sample the controller holds still and remembers nothing of it.
 """
 
 from dataclasses import dataclass
@@ -9,24 +10,29 @@ from typing import Literal
 
 import torch
 
+from ..array_types import Float, Int, Tensor
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..networks import NETWORK_NAMES, NUM_CHOICES, SwarmNetworks, greedy_choice, sampled_choice
-from ..observation import Observation
+from ..networks import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
+from ..observation import Observation, mean_position_m
+from ..recurrent_network import Networks
 from ..scenario import NUM_TRACKERS, Scenario
 from ..streams import ChaseStreams, chase_keys
+from .condition import Condition
 
 ActionChoice = Literal["sampled", "greedy"]
-
-SMALLEST_BATCH = 8
-"""Fewer chases are padded to this many: from there on a row's result does not depend on the batch, bit for bit."""
 
 
 @dataclass(frozen=True)
 class LearnedMemory:
-    """Each chase's stream for sampling actions."""
+    """What each chase carries from movement to movement."""
 
+    network_memory: Float[Tensor, "chase memory"]
+    """What the networks remember; nothing for those of the paper's form."""
+    condition: Int[Tensor, "chase"]
+    """A ``Condition``."""
     streams: ChaseStreams
+    """Each chase's own random numbers for sampling actions."""
 
 
 class LearnedController:
@@ -37,7 +43,7 @@ class LearnedController:
     """
 
     def __init__(
-        self, scenario: Scenario, networks: SwarmNetworks, name: str, action_choice: ActionChoice = "sampled"
+        self, scenario: Scenario, networks: Networks, name: str, action_choice: ActionChoice = "sampled"
     ) -> None:
         if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
             raise InputError(
@@ -47,44 +53,56 @@ class LearnedController:
         self._scenario = scenario
         self._networks = networks.eval()
         self._action_choice = action_choice
+        choices_m = torch.tensor(scenario.displacement_choices_m)
+        self._still = int(choices_m.abs().argmin())
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> LearnedMemory:
-        """The streams of these chases."""
-        return LearnedMemory(ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy"))
+        """Nothing heard yet."""
+        return LearnedMemory(
+            self._networks.begin(self._scenario, num_chases),
+            torch.zeros(num_chases, dtype=torch.int64),
+            ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy"),
+        )
 
     def decide(self, observation: Observation, memory: LearnedMemory) -> tuple[Action, LearnedMemory]:
-        """Four choices for every chase from its window.
+        """Four choices for every chase from its window and its memory.
 
         Raises:
-            InputError: a window of the wrong size, or with missing samples.
+            InputError: a window of the wrong size.
         """
-        logits = self.policy_logits(observation)
+        logits, following = self._through(observation, memory.network_memory)
         if self._action_choice == "greedy":
             choice = greedy_choice(logits)
         else:
             choice = sampled_choice(logits, memory.streams.uniform(len(NETWORK_NAMES)).to(logits.device))
-        return action_from_choice(self._scenario, choice), memory
+        deaf = ~observation.rssi_dbm.isfinite().any(dim=2).any(dim=1)
+        choice[:, 1:] = torch.where(deaf[:, None], self._still, choice[:, 1:])
+        following = torch.where(deaf[:, None], memory.network_memory, following)
+        condition = torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING))
+        return action_from_choice(self._scenario, choice), LearnedMemory(following, condition, memory.streams)
 
-    def policy_logits(self, observation: Observation) -> torch.Tensor:
-        """Logits of the four policies, [chase, 4, 5].
+    def policy_logits(self, observation: Observation) -> Float[Tensor, "chase 4 5"]:
+        """Logits of the four policies for a first window.
 
         Raises:
-            InputError: a window of the wrong size, or with missing samples.
+            InputError: a window of the wrong size.
         """
+        return self._through(observation, self._networks.begin(self._scenario, len(observation.rssi_dbm)))[0]
+
+    def _through(
+        self, observation: Observation, memory: Float[Tensor, "chase memory"]
+    ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase memory"]]:
         window_dbm = observation.rssi_dbm.float()
         if window_dbm.shape[1:] != (self._scenario.window_samples, NUM_TRACKERS):
             raise InputError(
                 f"a window of {tuple(window_dbm.shape[1:])} is refused: "
                 f"{self.name} needs {self._scenario.window_samples} samples of {NUM_TRACKERS} trackers"
             )
-        if not window_dbm.isfinite().all():
-            missing = int((~window_dbm.isfinite()).sum())
-            raise InputError(
-                f"rssi_dbm has {missing} missing samples (NaN or infinite): {self.name} needs complete windows"
-            )
         num_chases = len(window_dbm)
-        if num_chases < SMALLEST_BATCH:
-            window_dbm = torch.cat([window_dbm, window_dbm[:1].expand(SMALLEST_BATCH - num_chases, -1, -1)])
+        inputs = [window_dbm, mean_position_m(observation).float(), memory]
+        missing = self._networks.smallest_batch - num_chases
+        if missing > 0:
+            inputs = [torch.cat([part, part[:1].expand(missing, *part.shape[1:])]) for part in inputs]
         with torch.inference_mode():
-            logits = self._networks.policy_logits(window_dbm.contiguous())
-        return logits[:num_chases].clone()
+            logits, following = self._networks.decide(*inputs)
+        return logits[:num_chases].clone(), following[:num_chases].clone()

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import torch
 
 from ..array_types import Float, Tensor
-from ..formation import Action
-from ..observation import Observation
+from ..formation import Action, nearest_choice
+from ..observation import Observation, center_m
 from ..scenario import Scenario
 from ..streams import chase_keys
 from ..target import draw_target_position_m
@@ -31,7 +31,6 @@ class OracleController:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> OracleMemory:
         """The targets of these chases. In somebody else's world, build an ``OracleMemory`` from its own targets."""
@@ -39,8 +38,6 @@ class OracleController:
 
     def decide(self, observation: Observation, memory: OracleMemory) -> tuple[Action, OracleMemory]:
         """On each axis the displacement that leaves the least distance, at the widest spacing."""
-        center_m = observation.tracker_position_m[:, -1].mean(dim=1)
-        left_m = memory.target_position_m - center_m
-        best = (left_m[..., None] - self._displacement_choices_m).abs().argmin(dim=-1)
+        left_m = memory.target_position_m - center_m(observation)
         widest_m = torch.full((len(left_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)
-        return Action(spacing_m=widest_m, displacement_m=self._displacement_choices_m[best]), memory
+        return Action(widest_m, nearest_choice(self._scenario.displacement_choices_m, left_m)), memory

@@ -1,4 +1,5 @@
-"""Trained controllers that come with the package: families of weights files, one file a setting of F and rho."""
+"""Trained controllers that come with the package: families of weights files, one for each setting of F and rho, or one
+for all settings."""
 
 import math
 import re
@@ -9,7 +10,10 @@ from typing import Any
 from ..scenario import Scenario
 
 WEIGHTS_FOLDER = Path(__file__).parent.parent / "weights"
-"""A folder a family; a file's name is its setting: F10-rho0.9.safetensors."""
+"""A folder a family; a file's name is its setting: F10-rho0.9.safetensors, or all-settings.safetensors."""
+ALL_SETTINGS = "all-settings"
+TRAINED_HZ, TRAINED_CORRELATION = (10.0, 100.0), (0.1, 0.9)
+"""Between these the controllers for all settings were trained, which are told F and rho."""
 TRAINING_LOG = WEIGHTS_FOLDER / "paper-a3c" / "F10-rho0.9-training.parquet"
 CORRELATION_STEP = 0.4
 """This much rho weighs as much as a factor of two in F: both are about a step between the paper's settings."""
@@ -22,28 +26,41 @@ class ShippedWeights:
     """One trained controller of a family."""
 
     family: str
-    sampling_hz: float
-    spatial_correlation: float
+    setting: tuple[float, float] | None
+    """F in hertz and rho that it was trained for; None for one that was trained for all settings."""
     path: Path
 
     @property
     def name(self) -> str:
         """``paper/F10-rho0.9``."""
-        return f"{self.family}/{setting_name(self.sampling_hz, self.spatial_correlation)}"
+        return f"{self.family}/{ALL_SETTINGS if self.setting is None else setting_name(*self.setting)}"
 
     def steps_from(self, scenario: Scenario) -> float:
         """How far its setting is from a scenario's, in steps of the paper's grid."""
-        octaves = abs(math.log2(scenario.sampling_hz / self.sampling_hz))
-        return octaves + abs(scenario.spatial_correlation - self.spatial_correlation) / CORRELATION_STEP
+        if self.setting is None:
+            return 0.0
+        sampling_hz, spatial_correlation = self.setting
+        octaves = abs(math.log2(scenario.sampling_hz / sampling_hz))
+        return octaves + abs(scenario.spatial_correlation - spatial_correlation) / CORRELATION_STEP
 
     def explanation(self, scenario: Scenario) -> str | None:
         """Why this one, where the scenario's setting is not its own."""
+        asked = f"F = {scenario.sampling_hz:g} Hz, rho = {scenario.spatial_correlation:g}"
+        if self.setting is None:
+            if _lies_in(scenario.sampling_hz, TRAINED_HZ) and _lies_in(
+                scenario.spatial_correlation, TRAINED_CORRELATION
+            ):
+                return None
+            return (
+                f"{self.family}: trained for F = {TRAINED_HZ[0]:g} to {TRAINED_HZ[1]:g} Hz, "
+                f"rho = {TRAINED_CORRELATION[0]:g} to {TRAINED_CORRELATION[1]:g}; {asked} lies outside"
+            )
         if self.steps_from(scenario) == 0:
             return None
+        sampling_hz, spatial_correlation = self.setting
         return (
-            f"{self.family}: none was trained for F = {scenario.sampling_hz:g} Hz, "
-            f"rho = {scenario.spatial_correlation:g}; using that of F = {self.sampling_hz:g} Hz, "
-            f"rho = {self.spatial_correlation:g}, the nearest (a factor of two in F counts as much as "
+            f"{self.family}: none was trained for {asked}; using that of F = {sampling_hz:g} Hz, "
+            f"rho = {spatial_correlation:g}, the nearest (a factor of two in F counts as much as "
             f"{CORRELATION_STEP:g} in rho)"
         )
 
@@ -58,25 +75,35 @@ def shipped_families() -> dict[str, list[ShippedWeights]]:
     families: dict[str, list[ShippedWeights]] = {}
     for path in sorted(WEIGHTS_FOLDER.glob("*/*.safetensors")):
         setting = _FILE_NAME.fullmatch(path.stem)
+        family = path.parent.name
         if setting is not None:
-            sampling_hz, correlation = float(setting["sampling_hz"]), float(setting["spatial_correlation"])
-            family = path.parent.name
-            families.setdefault(family, []).append(ShippedWeights(family, sampling_hz, correlation, path))
+            own = float(setting["sampling_hz"]), float(setting["spatial_correlation"])
+            families.setdefault(family, []).append(ShippedWeights(family, own, path))
+        elif path.stem == ALL_SETTINGS:
+            families.setdefault(family, []).append(ShippedWeights(family, None, path))
     return families
 
 
 def chosen_weights(name: str, scenario: Scenario) -> ShippedWeights | None:
-    """The family's controller trained nearest to the scenario's F and rho; None where there is no such family.
+    """The family's controller for all settings, or the one trained nearest to the scenario's F and rho.
+
+    None where there is no such family.
 
     Of two as near it is the one trained in the harder setting (higher F, then lower rho): it expects less of a window.
     """
     family = shipped_families().get(name)
     if family is None:
         return None
-    return min(
-        family,
-        key=lambda weights: (round(weights.steps_from(scenario), 9), -weights.sampling_hz, weights.spatial_correlation),
-    )
+
+    def order(weights: ShippedWeights) -> tuple[float, float, float]:
+        sampling_hz, spatial_correlation = weights.setting or (0.0, 0.0)
+        return round(weights.steps_from(scenario), 9), -sampling_hz, spatial_correlation
+
+    return min(family, key=order)
+
+
+def _lies_in(value: float, bounds: tuple[float, float]) -> bool:
+    return bounds[0] <= value <= bounds[1]
 
 
 def training_log() -> list[dict[str, Any]]:

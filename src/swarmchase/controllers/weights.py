@@ -1,5 +1,6 @@
-"""Weights files: the four networks as safetensors with the configuration that made them."""
+"""Weights files: the networks as safetensors with the configuration that made them."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,31 +8,40 @@ import torch
 
 from ..errors import InputError
 from ..networks import SwarmNetworks
+from ..recurrent_network import RecurrentNetwork
 from ..tensor_files import load_tensors, save_tensors
 
 FORMAT = "swarmchase-networks-1"
+RECURRENT_FORMAT = "swarmchase-recurrent-1"
+_FORMS: dict[str, Callable[[], SwarmNetworks | RecurrentNetwork]] = {
+    FORMAT: SwarmNetworks,
+    RECURRENT_FORMAT: RecurrentNetwork,
+}
 
 
 def save_weights(
-    path: Path, networks: SwarmNetworks, configuration: dict[str, Any], dtype: torch.dtype = torch.float32
+    path: Path,
+    networks: SwarmNetworks | RecurrentNetwork,
+    configuration: dict[str, Any],
+    dtype: torch.dtype = torch.float32,
 ) -> None:
     """Write the parameters in ``dtype`` with their configuration (scenario and training), whole or not at all."""
     tensors = {name: tensor.detach().to(dtype).clone() for name, tensor in networks.state_dict().items()}
-    save_tensors(path, tensors, {"format": FORMAT, **configuration})
+    form = RECURRENT_FORMAT if isinstance(networks, RecurrentNetwork) else FORMAT
+    save_tensors(path, tensors, {"format": form, **configuration})
 
 
-def load_weights(path: Path) -> tuple[SwarmNetworks, dict[str, Any]]:
+def load_weights(path: Path) -> tuple[SwarmNetworks | RecurrentNetwork, dict[str, Any]]:
     """The networks in float32 and the configuration that made them.
 
     Raises:
-        InputError: no such file, damaged, or with parameters that are not those of the four networks.
+        InputError: no such file, damaged, or with parameters that are not those of the networks it names.
     """
     tensors, configuration = load_tensors(path, "weights file")
-    if configuration.get("format") != FORMAT:
-        raise InputError(
-            f"weights file {path} holds {configuration.get('format', 'no known format')!r}, not {FORMAT!r}"
-        )
-    networks = SwarmNetworks()
+    form = configuration.get("format", "no known format")
+    if form not in _FORMS:
+        raise InputError(f"weights file {path} holds {form!r}, not {' or '.join(map(repr, _FORMS))}")
+    networks = _FORMS[form]()
     expected = {name: tuple(tensor.shape) for name, tensor in networks.state_dict().items()}
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     if found != expected:

@@ -11,6 +11,7 @@ from ..batching import join_chases, pack, select_chases, unpack
 from ..environment import Environment, State
 from ..errors import InputError
 from ..networks import NETWORK_NAMES
+from ..robustness import drawn_world
 from ..scenario import Scenario
 from ..streams import ChaseKey, ChaseStreams
 from .losses import rollout_loss
@@ -44,6 +45,8 @@ class Progress:
     number: Int[torch.Tensor, "chase"]
     """Number of each chase in the training."""
     state: State
+    memory: Float[torch.Tensor, "chase memory"]
+    """What the networks remember of each chase."""
     streams: ChaseStreams
     """Each chase's own random numbers for sampling actions."""
     movements: Int[torch.Tensor, "chase"]
@@ -82,7 +85,11 @@ class LocalAgent:
             raise InputError(f"mirrored is refused: displacement_choices_m = {choices_m} are not symmetric about 0")
         self._index = index
         self._settings = settings
-        self._environment = Environment(scenario, self._device)
+        self._told = scenario
+        seed = training_seed(settings.seed)
+        self._environment = Environment(
+            drawn_world(scenario, seed, index) if settings.varied_world else scenario, self._device
+        )
         first = index * settings.chases_per_agent
         self.progress = self._begun(list(range(first, first + settings.chases_per_agent)))
 
@@ -94,10 +101,11 @@ class LocalAgent:
     def play(self) -> Rollout:
         """Play up to T movements with the local networks."""
         before = self.progress
-        rollout, state = collect(
+        rollout, state, memory = collect(
             self._environment,
             self.local.networks,
             before.state,
+            before.memory,
             before.streams,
             self._settings.update_interval,
             self._settings.spacing_exploration,
@@ -105,6 +113,7 @@ class LocalAgent:
         self.progress = replace(
             before,
             state=state,
+            memory=memory,
             movements=before.movements + rollout.valid.sum(dim=0),
             reward_m=before.reward_m + (rollout.reward_m * rollout.valid[..., None]).double().sum(dim=0),
             reached=rollout.reached,
@@ -162,6 +171,7 @@ class LocalAgent:
         return Progress(
             number=torch.tensor(numbers, device=self._device),
             state=self._environment.reset(keys, _nearness(streams) if self._settings.varied_start else None),
+            memory=self.local.networks.begin(self._told, len(keys)).to(self._device),
             streams=streams,
             movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
             reward_m=torch.zeros(len(keys), len(NETWORK_NAMES), dtype=torch.float64, device=self._device),

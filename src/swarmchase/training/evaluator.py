@@ -10,13 +10,16 @@ import torch
 from ..chases import ChaseResult, nearest_rank_percentile, run_chases
 from ..controllers.learned import LearnedController
 from ..controllers.weights import save_weights
-from ..networks import Networks, SwarmNetworks
+from ..recurrent_network import Networks
+from ..robustness import drawn_world
 from ..scenario import Scenario
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks, deployed, new_networks
 from .settings import Schedule, TrainingSettings, training_seed
 
 BEST_WEIGHTS = "best.safetensors"
+EVALUATION_WORLDS = 4
+"""Worlds for each scenario in an evaluation of a training in varied worlds."""
 LAST_WEIGHTS = "last.safetensors"
 """Written in place of the best ones by a run that ended before its first evaluation."""
 
@@ -30,7 +33,7 @@ class Evaluation:
     movements_p90: float
     success_rate: float
     p90_by_scenario: Sequence[float]
-    """The 90th percentile in each scenario."""
+    """The 90th percentile in each scenario, or in each world of each."""
 
     @property
     def order(self) -> tuple[float, float, float]:
@@ -52,7 +55,7 @@ def weights_configuration(
 
 
 def save_trained_weights(path: Path, networks: Networks, configuration: dict[str, Any]) -> None:
-    """Write the trained networks as the paper's four, in float16."""
+    """Write the trained networks in float16, those of the paper's form as its four."""
     save_weights(path, deployed(networks), configuration, torch.float16)
 
 
@@ -78,7 +81,7 @@ class Evaluator:
         """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
         self._flat.vector.copy_(snapshot.vector)
         networks = deployed(self._flat.networks)
-        tables = [self._chases(scenario, networks) for scenario in self._scenarios]
+        tables = [self._chases(told, world, networks) for told, world in self._worlds()]
         movements = [[float(row.movements) for row in rows] for rows in tables]
         percentiles = [nearest_rank_percentile(values, 90) for values in movements]
         evaluation = Evaluation(
@@ -94,11 +97,21 @@ class Evaluator:
             save_trained_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
         return evaluation
 
-    def _chases(self, scenario: Scenario, networks: SwarmNetworks) -> list[ChaseResult]:
-        controller = LearnedController(scenario, networks, "in training", self._settings.action_choice)
-        # The chases are fixed and of a seed of their own: neither the training's nor one that a person types.
-        seed = training_seed(self._settings.seed) + (1 << 61)
-        return list(run_chases(scenario, controller, seed, range(self._settings.evaluation_chases)))
+    @property
+    def _seed(self) -> int:
+        """The chases are fixed and of a seed of their own: neither the training's nor one that a person types."""
+        return training_seed(self._settings.seed) + (1 << 61)
+
+    def _worlds(self) -> list[tuple[Scenario, Scenario]]:
+        """What the networks are told, and the world they are in."""
+        if not self._settings.varied_world:
+            return [(scenario, scenario) for scenario in self._scenarios]
+        told = [scenario for scenario in self._scenarios for _ in range(EVALUATION_WORLDS)]
+        return [(scenario, drawn_world(scenario, self._seed, number)) for number, scenario in enumerate(told)]
+
+    def _chases(self, told: Scenario, world: Scenario, networks: Networks) -> list[ChaseResult]:
+        controller = LearnedController(told, networks, "in training", self._settings.action_choice)
+        return list(run_chases(world, controller, self._seed, range(self._settings.evaluation_chases)))
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:
         """Whether training may stop early."""

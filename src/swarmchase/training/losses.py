@@ -13,7 +13,7 @@ import torch
 
 from ..array_types import Bool, Float, Tensor
 from ..errors import InputError
-from ..networks import Networks
+from ..recurrent_network import Networks
 from .rollout import Rollout
 
 DISPLACEMENT_SCALE_M = 4.0
@@ -134,8 +134,8 @@ def rollout_loss(networks: Networks, rollout: Rollout, settings: LossSettings) -
     """L^n of one rollout under the networks' present parameters; one forward pass over all of its windows."""
     num_steps, num_chases = rollout.valid.shape
     if settings.objective == "counterfactual":
-        logits = networks.policy_logits(rollout.rssi_dbm[:-1].flatten(0, 1).contiguous())
-        return counterfactual_loss(logits.view(num_steps, num_chases, *logits.shape[1:]), rollout, settings)
+        logits = networks.decide_in_sequence(rollout.rssi_dbm[:-1], rollout.tracker_position_m[:-1], rollout.memory)
+        return counterfactual_loss(logits, rollout, settings)
     logits, value = networks(rollout.rssi_dbm.flatten(0, 1).contiguous())
     logits = logits.view(num_steps + 1, num_chases, *logits.shape[1:])
     value = value.view(num_steps + 1, num_chases, -1)

@@ -7,8 +7,9 @@ are views of it.
 import torch
 
 from ..errors import InputError
-from ..networks import ActorCritic, Networks, SwarmNetworks, SymmetricNetworks, with_policy_scale
-from .settings import TrainingSettings
+from ..networks import ActorCritic, SwarmNetworks, SymmetricNetworks, with_policy_scale
+from ..recurrent_network import Networks, RecurrentNetwork
+from .settings import NetworkForm, TrainingSettings
 
 ALIGNMENT = 16
 """Each parameter starts at a multiple of this many floats (64 bytes), so that vector loads stay aligned."""
@@ -36,15 +37,25 @@ class FlatNetworks:
 
 def new_networks(settings: TrainingSettings, generator: torch.Generator | None = None) -> Networks:
     """Networks in the form that these settings train: drawn anew, or to be filled where there is no ``generator``."""
+    if settings.form == "recurrent":
+        return RecurrentNetwork(generator, settings.policy_scale)
     return _trained_form(SwarmNetworks(generator, settings.policy_scale), settings)
 
 
-def continued_networks(settings: TrainingSettings, start: SwarmNetworks) -> Networks:
+def continued_networks(settings: TrainingSettings, start: Networks) -> Networks:
     """Networks in the form that these settings train, which decide as ``start`` does.
 
     Raises:
-        InputError: one network is to stand for x, y and z, and those of ``start`` are not the same.
+        InputError: another form of network, or one network is to stand for x, y and z, and those of ``start`` are not
+            the same.
     """
+    if settings.form != form_of(start):
+        raise InputError(
+            f"these initial weights are of the form {form_of(start)}, and {settings.form} is to be trained"
+        )
+    if isinstance(start, RecurrentNetwork):
+        return start.with_policy_scale(settings.policy_scale)
+    assert isinstance(start, SwarmNetworks)
     if settings.symmetric:
         x, *others = (start.by_name[name].state_dict() for name in ("x", "y", "z"))
         if any(not torch.equal(x[name], other[name]) for other in others for name in x):
@@ -54,10 +65,18 @@ def continued_networks(settings: TrainingSettings, start: SwarmNetworks) -> Netw
     return _trained_form(with_policy_scale(start, settings.policy_scale), settings)
 
 
-def deployed(networks: Networks) -> SwarmNetworks:
-    """The paper's four networks that decide as the trained ones do, scales within their weights."""
+def deployed(networks: Networks) -> SwarmNetworks | RecurrentNetwork:
+    """Networks as weights files hold them, which decide as the trained ones do, scales within their weights."""
+    if isinstance(networks, RecurrentNetwork):
+        return networks.with_policy_scale(1.0)
+    assert isinstance(networks, SwarmNetworks | SymmetricNetworks)
     four = networks.separate() if isinstance(networks, SymmetricNetworks) else networks
     return with_policy_scale(four, 1.0)
+
+
+def form_of(networks: Networks) -> NetworkForm:
+    """``recurrent``, or ``paper`` for the paper's four networks."""
+    return "recurrent" if isinstance(networks, RecurrentNetwork) else "paper"
 
 
 def _trained_form(networks: SwarmNetworks, settings: TrainingSettings) -> Networks:

@@ -10,8 +10,9 @@ import torch
 
 from ..array_types import Bool, Float, Int, Tensor
 from ..environment import Environment, State, counterfactual_reward_m
-from ..formation import action_from_choice
-from ..networks import NETWORK_NAMES, Networks, greedy_choice, sampled_choice
+from ..formation import action_from_choice, tracker_position_m
+from ..networks import NETWORK_NAMES, greedy_choice, sampled_choice
+from ..recurrent_network import Networks
 from ..streams import ChaseStreams
 
 
@@ -21,6 +22,10 @@ class Rollout:
 
     rssi_dbm: Float[Tensor, "step_and_last chase sample tracker"]
     """S_t of every step, and the window after the last one, float32."""
+    tracker_position_m: Float[Tensor, "step_and_last chase 6 3"]
+    """Where these windows were heard, float32."""
+    memory: Float[Tensor, "chase memory"]
+    """What the networks remembered before the first of them."""
     choice: Int[Tensor, "step chase 4"]
     """A_t as choices 0..4 of d, x, y, z."""
     logits: Float[Tensor, "step chase 4 5"]
@@ -41,34 +46,41 @@ def collect(
     environment: Environment,
     networks: Networks,
     state: State,
+    memory: Float[Tensor, "chase memory"],
     streams: ChaseStreams,
     num_steps: int,
     spacing_exploration: float | None = None,
-) -> tuple[Rollout, State]:
+) -> tuple[Rollout, State, Float[Tensor, "chase memory"]]:
     """Let every chase make ``num_steps`` movements with sampled actions, fewer where it ends.
 
-    ``streams`` are the chases' own for sampling actions. With ``spacing_exploration`` the spacing is not sampled: it is
-    the most likely one, and any one in this share of the movements. Ends early when every chase has ended.
+    ``memory`` is what the networks remember of them, ``streams`` are the chases' own for sampling actions. With
+    ``spacing_exploration`` the spacing is not sampled: it is the most likely one, and any one in this share of the
+    movements. Ends early when every chase has ended.
     """
     windows, choices, all_logits, rewards, counterfactuals, valids = [state.rssi_dbm], [], [], [], [], []
+    positions, memory_before = [_tracker_position_m(state)], memory
     reached = torch.zeros(len(streams), dtype=torch.bool, device=state.center_m.device)
     truncated = reached.clone()
     for _ in range(num_steps):
         running = ~(reached | truncated)
         if not running.any():
             break
-        logits = _policy_logits(networks, state)
+        with torch.no_grad():
+            logits, memory = networks.decide(windows[-1], positions[-1], memory)
         choice = _explored_choice(logits, streams, spacing_exploration)
         counterfactuals.append(counterfactual_reward_m(environment.scenario, state).float())
         state, outcome = environment.step(state, action_from_choice(environment.scenario, choice))
         reached, truncated = reached | (outcome.reached & running), truncated | (outcome.truncated & running)
         windows.append(state.rssi_dbm)
+        positions.append(_tracker_position_m(state))
         choices.append(choice)
         all_logits.append(logits)
         rewards.append(outcome.reward_m.float())
         valids.append(running)
     rollout = Rollout(
         rssi_dbm=torch.stack(windows),
+        tracker_position_m=torch.stack(positions),
+        memory=memory_before,
         choice=torch.stack(choices),
         logits=torch.stack(all_logits),
         reward_m=torch.stack(rewards),
@@ -77,12 +89,11 @@ def collect(
         reached=reached,
         truncated=truncated,
     )
-    return rollout, state
+    return rollout, state, memory
 
 
-def _policy_logits(networks: Networks, state: State) -> Float[Tensor, "chase 4 5"]:
-    with torch.no_grad():
-        return networks.policy_logits(state.rssi_dbm.contiguous())
+def _tracker_position_m(state: State) -> Float[Tensor, "chase 6 3"]:
+    return tracker_position_m(state.center_m, state.spacing_m).float()
 
 
 def _explored_choice(

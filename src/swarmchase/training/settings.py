@@ -16,6 +16,9 @@ Schedule = Literal[A3CSchedule, "batched"]
 """A3C's, or the batched trainer."""
 
 
+NetworkForm = Literal["paper", "recurrent"]
+"""The paper's four networks, or one with memory (``recurrent_network``)."""
+
 MOST_UPDATES = 2**24
 """Adam counts its updates in float32, which is exact up to here."""
 
@@ -42,6 +45,8 @@ class TrainingSettings:
     """A longer gradient is shortened to this; None never does, as in the paper."""
     passes_per_rollout: int = 1
     """Updates made from each rollout; more than one is for PPO."""
+    form: NetworkForm = "paper"
+    """The form of the networks."""
     losses: LossSettings = field(default_factory=LossSettings)
     """What is learned: objective, discount, entropy bonus, value loss and the cut at MAX_STEPS."""
     symmetric: bool = False
@@ -50,6 +55,8 @@ class TrainingSettings:
     """Each axis of each rollout is learned from as it was or in a mirror, at random."""
     varied_start: bool = False
     """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
+    varied_world: bool = False
+    """Each agent plays in a world of its own that departs from the scenario the networks are told (``robustness``)."""
     spacing_exploration: float | None = None
     """The spacing is the most likely one but for this share of movements, when it is any one; None samples it."""
     initial_weights: str | None = None
@@ -90,7 +97,11 @@ class TrainingSettings:
             raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
         if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
             raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
-        for name, allowed in (("precision", get_args(Precision)), ("action_choice", get_args(ActionChoice))):
+        for name, allowed in (
+            ("form", get_args(NetworkForm)),
+            ("precision", get_args(Precision)),
+            ("action_choice", get_args(ActionChoice)),
+        ):
             if getattr(self, name) not in allowed:
                 raise InputError(f"{name} = {getattr(self, name)!r} is refused: allowed is {' or '.join(allowed)}")
         if self.max_gradient_norm is not None and not 0 < self.max_gradient_norm < math.inf:
@@ -110,6 +121,17 @@ class TrainingSettings:
             )
         if self.losses.objective == "counterfactual" and self.update_interval < 2:
             raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
+
+        if self.form == "recurrent":
+            if self.losses.objective != "counterfactual":
+                raise InputError(f"objective = {self.losses.objective!r} is refused: recurrent has no critic")
+            for name, value, needed in (
+                ("symmetric", self.symmetric, False),
+                ("mirrored", self.mirrored, False),
+                ("precision", self.precision, "float32"),
+            ):
+                if value != needed:
+                    raise InputError(f"{name} = {value!r} is refused: it is for the form paper")
 
     @property
     def policy_scale(self) -> float:
@@ -163,7 +185,26 @@ PRESETS: dict[str, TrainingSettings] = {
         evaluation_interval=250,
         checkpoint_interval=250,
     ),
+    "recurrent": TrainingSettings(
+        form="recurrent",
+        num_agents=1,
+        chases_per_agent=256,
+        update_interval=16,
+        learning_rate=2e-3,
+        final_learning_rate=1e-6,
+        max_gradient_norm=1.0,
+        losses=LossSettings(objective="counterfactual"),
+        varied_start=True,
+        spacing_exploration=0.1,
+        max_updates=12_000,
+        action_choice="greedy",
+        evaluation_interval=1_000,
+        checkpoint_interval=1_000,
+    ),
 }
+PRESETS["robust"] = dataclasses.replace(
+    PRESETS["recurrent"], num_agents=16, chases_per_agent=128, max_updates=24_000, varied_world=True
+)
 """``paper`` is Table I exactly. ``fast`` has its agents, networks, T and losses, and three changes: each agent plays
 eight chases at a time, the learning rate falls from twenty times the paper's to the paper's, and the discount is 0.5.
 

@@ -11,7 +11,8 @@ from .rollout import Rollout
 def mirrored(rollout: Rollout, axes: Bool[torch.Tensor, "chase 3"]) -> Rollout:
     """The rollout with these axes of each chase turned round: trackers change places, choices their sign.
 
-    The displacements of a scenario must lie symmetrically about 0.
+    The displacements of a scenario must lie symmetrically about 0. For networks that look at nothing but windows:
+    places and memories stay as they were.
     """
     opposite = torch.arange(6, device=axes.device) ^ 1
     tracker = torch.where(axes.repeat_interleave(2, dim=1), opposite, torch.arange(6, device=axes.device))

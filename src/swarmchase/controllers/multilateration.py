@@ -1,0 +1,168 @@
+"""``multilateration``: robust non-linear least squares on the target's position over the windows of the chase.
+
+After each window it fits the position that explains the mean powers of the last ``MOST_WINDOWS`` windows, and goes
+there. Residuals are whitened by the fading's spread and correlation (``fading_law``): what trackers fade together says
+little of the direction. Cauchy's loss, minimised by re-weighted Levenberg-Marquardt steps, keeps deep fades and a wrong
+start distance from ruling the fit. It is what localisation from RSSI usually does (Zanella 2016, "Best practice in RSS
+measurements and ranging"), with memory.
+
+Missing samples do not count, and a tracker without any is left out of its window. In a window without any sample it
+holds still. Where the fit leaves the finite numbers it begins anew.
+
+``multilateration-unknown-power`` also fits the transmit power, which it knows to within ``POWER_SPREAD_DB``.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import torch
+
+from ..array_types import Bool, Float, Int, Tensor
+from ..fading_law import fading_law
+from ..formation import Action, nearest_choice
+from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
+from ..scenario import NUM_TRACKERS, Scenario
+from .condition import Condition
+from .particle import POWER_SPREAD_DB
+
+MOST_WINDOWS = 128
+"""Older windows are forgotten."""
+ITERATIONS = 12
+DAMPING = 1e-2
+"""Levenberg-Marquardt: this share of the diagonal is added to it."""
+CAUCHY_SCALE = 2.0
+"""A residual of this many standard deviations counts half."""
+START_SPREAD = 0.05
+"""Standard deviation of the log distance from the start."""
+LONGEST_STEP_M = 30.0
+"""Of one iteration."""
+CANDIDATE_DIRECTION = torch.tensor(
+    [direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(direction)], dtype=torch.float64
+)
+"""The fit begins at the best of these, at the distance from the start, and of its last result."""
+
+
+@dataclass(frozen=True)
+class MultilaterationMemory:
+    """What each chase has heard so far and what it makes of it; row = chase."""
+
+    power_dbm: Float[Tensor, "chase window tracker"]
+    """Mean powers, the newest window first; NaN where nothing was heard."""
+    tracker_position_m: Float[Tensor, "chase window tracker 3"]
+    estimate: Float[Tensor, "chase 4"]
+    """Position of the target in metres, and its power above the scenario's in dB, float64."""
+    condition: Int[Tensor, "chase"]
+    """A ``Condition``."""
+
+
+class MultilaterationController:
+    """Goes to where the target explains best what was heard."""
+
+    def __init__(self, scenario: Scenario, power_is_known: bool = True) -> None:
+        self.name = "multilateration" if power_is_known else "multilateration-unknown-power"
+        self._scenario = scenario
+        self._law = fading_law(scenario)
+        self._free = torch.tensor([True, True, True, not power_is_known])
+        direction = CANDIDATE_DIRECTION / CANDIDATE_DIRECTION.norm(dim=1, keepdim=True)
+        self._candidate = torch.nn.functional.pad(scenario.start_distance_m * direction, (0, 1))
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> MultilaterationMemory:
+        """Nothing heard."""
+        return MultilaterationMemory(
+            power_dbm=torch.full((num_chases, MOST_WINDOWS, NUM_TRACKERS), math.nan, dtype=torch.float64),
+            tracker_position_m=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, 3, dtype=torch.float64),
+            estimate=self._candidate[:1].repeat(num_chases, 1),
+            condition=torch.zeros(num_chases, dtype=torch.int64),
+        )
+
+    def decide(self, observation: Observation, memory: MultilaterationMemory) -> tuple[Action, MultilaterationMemory]:
+        """Fit, and take the displacement that comes nearest to the fitted position."""
+        power_dbm = mean_power_dbm(observation).double()
+        deaf = ~power_dbm.isfinite().any(dim=1)
+        memory = replace(
+            memory,
+            power_dbm=_pushed(memory.power_dbm, power_dbm),
+            tracker_position_m=_pushed(memory.tracker_position_m, mean_position_m(observation)),
+        )
+        estimate = self._fitted(memory)
+        lost = ~estimate.isfinite().all(dim=1)
+        center = center_m(observation)
+        estimate = torch.where(lost[:, None], torch.nn.functional.pad(center, (0, 1)), estimate)
+        condition = torch.where(lost, int(Condition.LOST), int(Condition.TRACKING))
+        left_m = torch.where(deaf[:, None], 0.0, estimate[:, :3] - center)
+        action = Action(
+            spacing_m=nearest_choice(self._scenario.spacing_choices_m, left_m.norm(dim=1)),
+            displacement_m=nearest_choice(self._scenario.displacement_choices_m, left_m),
+        )
+        condition = torch.where(deaf, int(Condition.DEAF), condition)
+        return action, replace(memory, estimate=estimate, condition=condition)
+
+    def _fitted(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
+        # Rows of windows that no chase of the batch has heard yet need not be computed.
+        heard = memory.power_dbm.isfinite()
+        longest = int(heard.any(dim=2).any(dim=0).nonzero().max()) + 1 if heard.any() else 1
+        memory = replace(
+            memory,
+            power_dbm=memory.power_dbm[:, :longest],
+            tracker_position_m=memory.tracker_position_m[:, :longest],
+        )
+        estimate = self._best_start(memory)
+        for _ in range(ITERATIONS):
+            residual, jacobian = self._residuals(memory, estimate)
+            weight = 1 / (1 + (residual / CAUCHY_SCALE).square())
+            normal = (jacobian[..., None] * (weight[:, :, None] * jacobian)[:, :, None]).sum(dim=1)
+            diagonal = normal.diagonal(dim1=1, dim2=2)
+            normal = normal + torch.diag_embed(DAMPING * diagonal + 1e-9 + (~self._free).double())
+            step = torch.linalg.solve(normal, -((weight * residual)[..., None] * jacobian).sum(dim=1))
+            length_m = step[:, :3].norm(dim=1, keepdim=True)
+            estimate = estimate + step * (LONGEST_STEP_M / length_m).clamp(max=1)
+        return estimate
+
+    def _best_start(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
+        starts = [memory.estimate, *(one.expand(len(memory.estimate), -1) for one in self._candidate)]
+        cost = torch.stack(
+            [(self._residuals(memory, start)[0] / CAUCHY_SCALE).square().log1p().sum(dim=1) for start in starts]
+        )
+        return torch.stack(starts)[cost.argmin(dim=0), torch.arange(len(memory.estimate))]
+
+    def _residuals(
+        self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
+    ) -> tuple[Float[Tensor, "chase residual"], Float[Tensor, "chase residual 4"]]:
+        """Whitened residuals of every window and tracker, of the distance from the start and of the power, and their
+        derivatives by the estimate."""
+        heard = memory.power_dbm.isfinite()
+        offset_m = estimate[:, None, None, :3] - memory.tracker_position_m
+        distance_m = offset_m.norm(dim=3).clamp(min=self._scenario.reference_distance_m)
+        slope_db = 10 * self._scenario.path_loss_exponent / math.log(10)
+        loss_db = slope_db * (distance_m / self._scenario.reference_distance_m).log()
+        gain_dbm = self._scenario.transmit_power_dbm - self._scenario.reference_path_loss_db + self._law.median_db
+        residual_db = memory.power_dbm.nan_to_num(0.0) + loss_db - gain_dbm - estimate[:, None, None, 3]
+        by_position = slope_db * offset_m / distance_m.square()[..., None]
+        jacobian = torch.cat([by_position, -torch.ones_like(by_position[..., :1])], dim=3) * self._free
+        start_m = estimate[:, :3].norm(dim=1, keepdim=True).clamp(min=1e-6)
+        prior = torch.cat(
+            [(start_m / self._scenario.start_distance_m).log() / START_SPREAD, estimate[:, 3:] / POWER_SPREAD_DB], dim=1
+        )
+        by_prior = torch.zeros(len(estimate), 2, 4, dtype=torch.float64)
+        by_prior[:, 0, :3] = estimate[:, :3] / start_m.square() / START_SPREAD
+        by_prior[:, 1, 3] = self._free[3] / POWER_SPREAD_DB
+        return (
+            torch.cat([self._whitened(residual_db[..., None], heard).flatten(1), prior], dim=1),
+            torch.cat([self._whitened(jacobian, heard).flatten(1, 2), by_prior], dim=1),
+        )
+
+    def _whitened(
+        self, value: Float[Tensor, "chase window tracker k"], heard: Bool[Tensor, "chase window tracker"]
+    ) -> Float[Tensor, "chase window tracker k"]:
+        """Multiplied by the inverse square root of the fading's covariance; nothing where nothing was heard."""
+        value = torch.where(heard[..., None], value, 0.0)
+        num_heard = heard.sum(dim=2)[..., None, None]
+        mean = value.sum(dim=2, keepdim=True) / num_heard.clamp(min=1)
+        own, common = 1 - self._law.correlation, 1 + (num_heard - 1) * self._law.correlation
+        white = (value - mean) / own**0.5 + mean / common.sqrt()
+        return torch.where(heard[..., None], white, 0.0) / self._law.standard_deviation_db
+
+
+def _pushed(rows: Float[Tensor, "chase window ..."], newest: Float[Tensor, "chase ..."]) -> Tensor:
+    return torch.cat([newest[:, None], rows[:, :-1]], dim=1)
