@@ -35,10 +35,12 @@ ROOMS = [
     {"evaluation"},
     {"chase_log"},
     {"paper_results"},
-    {"reproduction"},
-    {"results_report"},
+    {"blocks"},
+    {"reproduction", "comparison"},
+    {"results_report", "comparison_report"},
     {"figures"},
     {"paper_figures"},
+    {"comparison_figures"},
     {"gym", "gym_registration"},
     {"benchmarks"},
     {"commands"},
@@ -118,7 +120,7 @@ def test_walker_sees_what_is_there() -> None:
     """The tests below would pass on nothing at all."""
     assert imports("environment")[0] >= {"channel", "formation", "target", "scenario"}
     assert imports("training.losses") == (
-        {"array_types", "errors", "networks", "training.rollout"},
+        {"array_types", "errors", "recurrent_network", "training.rollout"},
         {"dataclasses", "math", "typing", "torch"},
     )
     assert "networks" in imports("controllers.learned")[0]

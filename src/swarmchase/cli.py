@@ -1,4 +1,4 @@
-"""The command line: ``swarmchase chase | evaluate | reproduce | train a3c | train batched | benchmark ...``.
+"""The command line: ``swarmchase chase | evaluate | compare | reproduce | train a3c | train batched | benchmark ...``.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
 ``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
@@ -21,6 +21,7 @@ from .commands.benchmark import (
     BenchmarkTrainingCommand,
 )
 from .commands.chase import ChaseCommand
+from .commands.compare import CompareCommand
 from .commands.evaluate import EvaluateCommand
 from .commands.reproduce import ReproduceCommand
 from .commands.terminal import CONSOLE
@@ -43,6 +44,7 @@ class Command(Protocol):
 COMMANDS: dict[str, Callable[..., Command]] = {
     "chase": ChaseCommand,
     "evaluate": EvaluateCommand,
+    "compare": CompareCommand,
     "reproduce": ReproduceCommand,
     "train a3c": TrainA3CCommand,
     "train batched": TrainBatchedCommand,

@@ -51,6 +51,8 @@ class Evaluation:
     seed: int
     chases: Sequence[ChaseResult]
     """In the order of their numbers."""
+    world: Scenario | None = None
+    """Where the chases were, if not in the scenario that the controller was told."""
 
     @property
     def weights(self) -> str | None:
@@ -102,6 +104,7 @@ class Evaluation:
         origin = {
             "version": __version__,
             "scenario": self.scenario.to_dict(),
+            "world": (self.world or self.scenario).to_dict(),
             "controller": self.controller,
             "action_choice": self.action_choice,
             "weights": self.weights,
@@ -112,10 +115,9 @@ class Evaluation:
             pq.write_table(table, temporary)
 
     def _times_s(self, speed_mps: float) -> list[float]:
+        world = self.world or self.scenario
         return [
-            tracking_time_s(
-                self.scenario, min(chase.movements, self.scenario.max_movements), chase.path_length_m, speed_mps
-            )
+            tracking_time_s(world, min(chase.movements, world.max_movements), chase.path_length_m, speed_mps)
             for chase in self.chases
         ]
 
@@ -152,8 +154,11 @@ def evaluate(
     processes: int = 1,
     finished: Callable[[int], None] | None = None,
     first_chase: int = 0,
+    world: Scenario | None = None,
 ) -> Evaluation:
     """Run ``episodes`` chases of ``controller`` (a name or the path of a weights file), from number ``first_chase`` on.
+
+    The controller is told ``scenario``; the chases are in ``world`` where that is given.
 
     ``finished`` is told the number of chases that have ended: 0 when all is checked and work begins, then each time
     some end.
@@ -169,7 +174,7 @@ def evaluate(
         if value < 0:
             raise InputError(f"{name} = {value} is refused: allowed is at least 0")
     load_controller(controller, scenario, action_choice)
-    work = _Work(scenario, controller, action_choice, seed, batch_size)
+    work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)
     report(0)
@@ -177,22 +182,24 @@ def evaluate(
     for result in _run(work, chosen, min(processes, math.ceil(episodes / SHARE_CHASES))):
         chases.append(result)
         report(len(chases))
-    return Evaluation(scenario, controller, action_choice, seed, sorted(chases, key=lambda chase: chase.chase))
+    in_order = sorted(chases, key=lambda chase: chase.chase)
+    return Evaluation(scenario, controller, action_choice, seed, in_order, world)
 
 
 @dataclass(frozen=True)
 class _Work:
     """What a process needs to run chases; small enough to send."""
 
-    scenario: Scenario
+    told: Scenario
+    world: Scenario
     controller: str
     action_choice: ActionChoice | None
     seed: int
     batch_size: int
 
     def run(self, chases: range) -> Iterator[ChaseResult]:
-        controller = load_controller(self.controller, self.scenario, self.action_choice)
-        return run_chases(self.scenario, controller, self.seed, chases, self.batch_size)
+        controller = load_controller(self.controller, self.told, self.action_choice)
+        return run_chases(self.world, controller, self.seed, chases, self.batch_size)
 
 
 def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult]:

@@ -31,8 +31,9 @@ MOST_NORMAL = 3.6
 KNOT_STEP = 0.2
 LOWEST_DB, HIGHEST_DB, TABLE_STEP_DB = -80.0, 40.0, 0.01
 """Range and resolution of the tabulated map; what lies outside counts as its end."""
-MOST_CORRELATION = 0.999_999
-"""With rho = 1 and one line-of-sight phase all trackers fade as one, and a difference would have no spread at all."""
+LEAST_SPREAD_DB = 0.1
+"""Trackers are never taken to differ by less than this (standard deviation), although nothing at all may fade (K without
+bound) or all of them as one (rho = 1): no fit and no particles would be near enough to a window that says so much."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,14 @@ class FadingLaw:
         counts = heard[:, :, None]
         normal = torch.where(counts, self.normal[level], 0.0)
         log_slope = torch.where(counts, self.log_slope[level], 0.0).sum(dim=1)
-        # The inverse of the correlation matrix (1 - c) I + c 1 1^T of as many trackers as have heard something.
+        # The correlation matrix (1 - c) I + c 1 1^T of as many trackers as have heard something has the variance 1 - c
+        # apart from their mean and 1 + (k - 1) c along it. (With 1 1^T subtracted as a whole nothing but rounding would
+        # be left where c is nearly 1.)
         num_heard = heard.sum(dim=1, keepdim=True)
-        shared = self.correlation / (1 + (num_heard - 1) * self.correlation)
-        quadratic = normal.square().sum(dim=1) - shared * normal.sum(dim=1).square()
-        return log_slope - 0.5 * quadratic / (1 - self.correlation)
+        mean = normal.sum(dim=1) / num_heard.clamp(min=1)
+        apart = torch.where(counts, normal - mean[:, None], 0.0).square().sum(dim=1)
+        along = num_heard * mean.square()
+        return log_slope - 0.5 * (apart / (1 - self.correlation) + along / (1 + (num_heard - 1) * self.correlation))
 
     @property
     def median_db(self) -> float:
@@ -80,8 +84,6 @@ def fading_law(scenario: Scenario) -> FadingLaw:
     fading_db = _drawn_fading_db(scenario)
     knot = np.arange(-MOST_NORMAL, MOST_NORMAL + KNOT_STEP / 2, KNOT_STEP)
     quantile_db = np.quantile(fading_db, ndtr(knot))
-    # Where nothing fades (K without bound, rho of 1 alike) the quantiles would coincide.
-    quantile_db += 1e-6 * np.arange(len(knot))
     inner = PchipInterpolator(quantile_db, knot)
     level_db = np.arange(LOWEST_DB, HIGHEST_DB, TABLE_STEP_DB)
     inside = np.clip(level_db, quantile_db[0], quantile_db[-1])
@@ -94,7 +96,7 @@ def fading_law(scenario: Scenario) -> FadingLaw:
     law = FadingLaw(
         normal=torch.from_numpy(normal).float(),
         log_slope=torch.from_numpy(np.log(slope.clip(min=1e-3))).float(),
-        correlation=min(float(pairs.mean()), MOST_CORRELATION),
+        correlation=float(pairs.mean()),
         least_log_likelihood=-math.inf,
     )
     windows = torch.from_numpy(fading_db).float()
@@ -103,13 +105,18 @@ def fading_law(scenario: Scenario) -> FadingLaw:
 
 
 def _drawn_fading_db(scenario: Scenario) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    """The mean fading power of ``LAW_WINDOWS`` windows at six trackers."""
+    """The mean fading power of ``LAW_WINDOWS`` windows at six trackers, spread to ``LEAST_SPREAD_DB``."""
     process = FadingProcess(scenario)
     drawn = []
     for first in range(0, LAW_WINDOWS, 1000):
         window = process.window(process.begin(chase_keys(LAW_SEED, 1000, first)))
         drawn.append(10 * window.square().sum(dim=2).mean(dim=2).log10())
-    return np.asarray(torch.cat(drawn).double().numpy())
+    fading_db = np.asarray(torch.cat(drawn).double().numpy())
+    apart_db = fading_db - fading_db.mean(axis=1, keepdims=True)
+    missing = LEAST_SPREAD_DB**2 - apart_db.var() * NUM_TRACKERS / (NUM_TRACKERS - 1)
+    if missing > 0:
+        fading_db += math.sqrt(missing) * np.random.default_rng(LAW_SEED).standard_normal(fading_db.shape)
+    return fading_db
 
 
 def _chord(knot: "np.ndarray", quantile_db: "np.ndarray", part: slice) -> float:

@@ -1,11 +1,15 @@
 """What a controller gets to see."""
 
+import math
 from dataclasses import dataclass
 
 import torch
 
 from .array_types import Float, Tensor
 from .errors import InputError
+
+NEPERS_PER_DB = math.log(10) / 10
+"""Of power: its natural logarithm over its level in dB."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +39,18 @@ def mean_power_dbm(observation: Observation) -> Float[Tensor, "chase tracker"]:
     Of all simple statistics of a window it says most about the distance: the mean of its dB values is spoilt by a
     few deep fades.
     """
-    rssi_dbm = observation.rssi_dbm.float()
+    # One layout in memory, and exp in the place of a power of ten: else the last bits would depend on the batch.
+    rssi_dbm = observation.rssi_dbm.float().transpose(1, 2).contiguous()
     valid = rssi_dbm.isfinite()
     # Relative to the strongest sample: ten to the power of a level below -380 dBm would be no float32.
-    strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=1)
-    relative = torch.where(valid, 10 ** ((rssi_dbm - strongest_dbm[:, None]) / 10), 0.0)
-    return strongest_dbm + 10 * torch.log10(relative.sum(dim=1) / valid.sum(dim=1))
+    strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=2)
+    relative = torch.where(valid, ((rssi_dbm - strongest_dbm[..., None]) * NEPERS_PER_DB).exp(), 0.0)
+    return strongest_dbm + 10 * torch.log10(relative.sum(dim=2) / valid.sum(dim=2))
 
 
 def mean_position_m(observation: Observation) -> Float[Tensor, "chase tracker 3"]:
     """Where each tracker was in the window, averaged over its samples, float64."""
-    return observation.tracker_position_m.double().mean(dim=1)
+    return observation.tracker_position_m.double().contiguous().mean(dim=1)
 
 
 def center_m(observation: Observation) -> Float[Tensor, "chase 3"]:

@@ -112,19 +112,19 @@ def movement_figure(movements: Movements) -> Figure:
     panels = figure.subplots(1, len(SPATIAL_CORRELATION), sharey=True)
     [oracle] = [values for (controller, _, _), values in movements.items() if controller == "oracle"]
     for axes, correlation in zip(panels, SPATIAL_CORRELATION, strict=True):
-        _draw_cdf(axes, oracle, ORACLE_COLOR, "-", "oracle")
+        draw_cdf(axes, oracle, ORACLE_COLOR, "-", "oracle")
         for sampling_hz, (color, line) in SAMPLING_STYLE.items():
             values = movements["paper", sampling_hz, correlation]
-            _draw_cdf(axes, values, color, line, f"F = {sampling_hz:g} Hz")
+            draw_cdf(axes, values, color, line, f"F = {sampling_hz:g} Hz")
             stated = MOVEMENTS_P90.get((sampling_hz, correlation))
             if stated is not None:
-                _mark_stated(axes, stated, 0.9, color)
+                mark_stated(axes, stated, 0.9, color)
         axes.axhline(0.9, color="black", linewidth=0.4)
         axes.set(xscale="log", xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xticks([15, 20, 30, 50, 100, 200], ["15", "20", "30", "50", "100", "200"])
     panels[0].set_ylabel("share of chases")
-    figure.legend(*_star_last(panels[-1]), loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
@@ -135,7 +135,7 @@ def percentile_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
     for correlation, (color, marker) in CORRELATION_STYLE.items():
         for controller, line, face in (("paper", "-", color), ("paper-a3c", ":", "white")):
             rows = _rows(summaries, controller, correlation)
-            _draw_with_bars(
+            draw_with_bars(
                 axes,
                 rows,
                 [row["movements_p90"] for row in rows],
@@ -147,14 +147,14 @@ def percentile_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
                 f"ρ = {correlation:g}" + ("" if controller == "paper" else ", A3C"),
             )
     for (sampling_hz, correlation), stated in MOVEMENTS_P90.items():
-        _mark_stated(axes, sampling_hz, stated, CORRELATION_STYLE[correlation][0])
+        mark_stated(axes, sampling_hz, stated, CORRELATION_STYLE[correlation][0])
     [oracle] = [row for row in summaries if row["controller"] == "oracle"]
     axes.axhline(oracle["movements_p90"], color=ORACLE_COLOR, linewidth=1.2, label="oracle")
-    _sampling_axis(axes)
+    sampling_axis(axes)
     axes.set(yscale="log", ylabel="90th percentile of movements")
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_yticks([20, 30, 40, 60, 80, 120, 160], ["20", "30", "40", "60", "80", "120", "160"])
-    axes.legend(*_star_last(axes), frameon=False, ncols=2, loc="upper left")
+    axes.legend(*star_last(axes), frameon=False, ncols=2, loc="upper left")
     return figure
 
 
@@ -166,7 +166,7 @@ def tracking_time_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
     for axes, speed in zip(panels, speeds, strict=True):
         for correlation, (color, marker) in CORRELATION_STYLE.items():
             rows = _rows(summaries, "paper", correlation)
-            _draw_with_bars(
+            draw_with_bars(
                 axes,
                 rows,
                 [row["tracking_time_mean_s"][speed] for row in rows],
@@ -180,12 +180,12 @@ def tracking_time_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
             if speed == "5":
                 for (sampling_hz, stated_correlation), stated in TRACKING_TIME_S.items():
                     if stated_correlation == correlation:
-                        _mark_stated(axes, sampling_hz, stated, color, STATED_TIME)
+                        mark_stated(axes, sampling_hz, stated, color, STATED_TIME)
         _draw_oracle_time(axes, summaries, float(speed))
-        _sampling_axis(axes)
+        sampling_axis(axes)
         axes.set(title=f"v = {speed} m/s", ylim=(0, None))
     panels[0].set_ylabel("mean total tracking time (s)")
-    figure.legend(*_star_last(panels[-1]), loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=5, frameon=False)
     return figure
 
 
@@ -198,7 +198,8 @@ def _draw_oracle_time(axes: Axes, summaries: Sequence[dict[str, Any]], speed_mps
     axes.plot(SAMPLING_HZ, times_s, color=ORACLE_COLOR, linewidth=1.2, label="oracle")
 
 
-def _draw_cdf(axes: Axes, values: Sequence[int], color: str, line: str, label: str) -> None:
+def draw_cdf(axes: Axes, values: Sequence[int], color: str, line: str, label: str) -> None:
+    """Share of the chases that needed at most so many movements, with its 95 % band."""
     ordered = np.sort(np.asarray(values))
     share = np.arange(1, len(ordered) + 1) / len(ordered)
     band = math.sqrt(math.log(2 / (1 - CONFIDENCE)) / (2 * len(ordered)))
@@ -219,7 +220,7 @@ def _rows(summaries: Sequence[dict[str, Any]], controller: str, correlation: flo
     return sorted(rows, key=lambda row: float(row["sampling_hz"]))
 
 
-def _draw_with_bars(
+def draw_with_bars(
     axes: Axes,
     rows: Sequence[dict[str, Any]],
     values: Sequence[float],
@@ -230,6 +231,7 @@ def _draw_with_bars(
     face: str,
     label: str,
 ) -> None:
+    """One value for each row against its F, with its interval."""
     if not rows:
         return
     bounds = [interval or (value, value) for value, interval in zip(values, intervals, strict=True)]
@@ -250,20 +252,21 @@ def _draw_with_bars(
     )
 
 
-def _sampling_axis(axes: Axes) -> None:
+def sampling_axis(axes: Axes) -> None:
+    """F on a logarithmic axis with the paper's four values."""
     axes.set(xscale="log", xlabel="sampling frequency F (Hz)")
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(SAMPLING_HZ, [f"{sampling_hz:g}" for sampling_hz in SAMPLING_HZ])
 
 
-def _star_last(axes: Axes) -> tuple[list[Any], list[Any]]:
+def star_last(axes: Axes) -> tuple[list[Any], list[Any]]:
     """Handles and labels of a legend."""
     handles, labels = axes.get_legend_handles_labels()
     order = sorted(range(len(labels)), key=lambda number: labels[number].startswith(STATED))
     return [handles[number] for number in order], [labels[number] for number in order]
 
 
-def _mark_stated(axes: Axes, x: float | int, y: float | int, color: str, label: str = STATED) -> None:
+def mark_stated(axes: Axes, x: float | int, y: float | int, color: str, label: str = STATED) -> None:
     """A star where the paper states a value; named once in the legend."""
     named = any(line.get_label() == label for line in axes.get_lines())
     axes.plot(

@@ -5,10 +5,8 @@ oracle once: it hears nothing, so all settings are one to it. A finished block i
 interrupted goes on behind the last one.
 """
 
-import dataclasses
-import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import __version__
+from .blocks import Finished, Job, evaluate_jobs, save_table, weights_sha256
 from .channel import FadingProcess, fading_db
 from .chases import ChaseResult
-from .controllers.shipped import chosen_weights, setting_name, shipped_families
+from .controllers.shipped import setting_name, shipped_families
 from .errors import InputError
-from .evaluation import Evaluation, evaluate
-from .files import atomic_path, require_writable_folder
+from .evaluation import Evaluation
 from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 from .scenario import Scenario, paper_scenario
 from .streams import ChaseKey
@@ -29,18 +27,12 @@ from .streams import ChaseKey
 if TYPE_CHECKING:
     import pyarrow as pa
 
-BLOCK_CHASES = 2_500
-"""Chases between two saves."""
 COMPARISON_SHARE = 5
 """``paper-a3c`` is evaluated in one of so many chases: the first ones."""
 TABLE_FILE = "reproduction.parquet"
 FADING_FILE = "fading.parquet"
 FADING_SETTINGS = ((20.0, 0.1), (10.0, 0.9))
 """(F, rho) of Fig. 3 (a) and (b)."""
-
-
-Finished = Callable[[int, int, str], None]
-"""Is told the chases that have ended in all, how many of them an earlier run had left, and the cell at work."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +50,7 @@ class Cell:
 
     def episodes(self, of_twelve: int) -> int:
         """Its chases where the twelve settings have so many each."""
-        return max(1, of_twelve // COMPARISON_SHARE) if self.controller == "paper-a3c" else of_twelve
+        return max(min(1, of_twelve), of_twelve // COMPARISON_SHARE) if self.controller == "paper-a3c" else of_twelve
 
     @property
     def scenario(self) -> Scenario:
@@ -86,47 +78,12 @@ def reproduce(
         InputError: no episodes, a folder that cannot be written, or one with the table of another run.
         WorkerDiedError: a process was killed.
     """
-    if episodes < 1:
-        raise InputError(f"episodes = {episodes} is refused: allowed is at least 1")
-    if seed < 0:
-        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
     _require_same_command(folder / TABLE_FILE, _command(episodes, seed))
-    require_writable_folder(folder)
-    count = _Count(finished or (lambda _chases, _found, _cell: None))
-    evaluations = []
-    for cell in cells():
-        count.cell = cell.name
-        chases: list[ChaseResult] = []
-        last = cell.episodes(episodes)
-        for first in range(0, last, BLOCK_CHASES):
-            block = _Block(folder, cell, seed, first, min(BLOCK_CHASES, last - first))
-            kept = block.load()
-            chases.extend(block.run(processes, count.running) if kept is None else kept)
-            count.block_ended(block.episodes, found=kept is not None)
-        evaluations.append(Evaluation(cell.scenario, cell.controller, None, seed, chases))
-    _save(folder / TABLE_FILE, movement_table(evaluations))
-    _save(folder / FADING_FILE, fading_table(seed))
+    jobs = [Job(cell.name, cell.controller, cell.scenario, cell.scenario, cell.episodes(episodes)) for cell in cells()]
+    evaluations = evaluate_jobs(folder, jobs, seed, processes, finished)
+    save_table(folder / TABLE_FILE, movement_table(evaluations))
+    save_table(folder / FADING_FILE, fading_table(seed))
     return evaluations
-
-
-@dataclass
-class _Count:
-    """Chases that have ended in all, and those of them that were found on disk."""
-
-    report: Finished
-    cell: str = ""
-    ended: int = 0
-    found: int = 0
-
-    def running(self, chases: int) -> None:
-        """So many of the block at work have ended."""
-        self.report(self.ended + chases, self.found, self.cell)
-
-    def block_ended(self, chases: int, found: bool) -> None:
-        """A block is complete."""
-        self.ended += chases
-        self.found += chases if found else 0
-        self.report(self.ended, self.found, self.cell)
 
 
 def _command(episodes: int, seed: int) -> str:
@@ -145,74 +102,6 @@ def _require_same_command(path: Path, command: str) -> None:
         before = "something else"
     if before != command:
         raise InputError(f"{path} was made by {before!r}, not by {command!r}: choose another folder")
-
-
-@dataclass(frozen=True)
-class _Block:
-    """Some chases of a cell, kept on disk when they are done."""
-
-    folder: Path
-    cell: Cell
-    seed: int
-    first_chase: int
-    episodes: int
-
-    @property
-    def path(self) -> Path:
-        name = f"{self.cell.name}-seed{self.seed}-{self.first_chase}-{self.episodes}.parquet"
-        return self.folder / "blocks" / name
-
-    @property
-    def origin(self) -> dict[str, Any]:
-        """What its chases are a function of: another origin is another block."""
-        return {
-            "version": __version__,
-            "controller": self.cell.controller,
-            "weights_sha256": weights_sha256(self.cell.controller, self.cell.scenario),
-            "scenario": self.cell.scenario.to_dict(),
-            "seed": self.seed,
-            "first_chase": self.first_chase,
-            "episodes": self.episodes,
-        }
-
-    def load(self) -> list[ChaseResult] | None:
-        """What an earlier run kept of this very block."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        try:
-            table = pq.read_table(self.path)
-            if json.loads(table.schema.metadata[b"swarmchase"]) != self.origin:
-                return None
-            return [ChaseResult(**row) for row in table.to_pylist()]
-        except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
-            return None
-
-    def run(self, processes: int, finished: Callable[[int], None]) -> list[ChaseResult]:
-        # Before the chases: a weights file changed while they run must not be taken for theirs.
-        metadata = {"swarmchase": json.dumps(self.origin)}
-        result = evaluate(
-            self.cell.scenario,
-            self.cell.controller,
-            self.episodes,
-            self.seed,
-            processes=processes,
-            finished=finished,
-            first_chase=self.first_chase,
-        )
-        import pyarrow as pa
-
-        chases = list(result.chases)
-        table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
-        require_writable_folder(self.path.parent)
-        _save(self.path, table.replace_schema_metadata(metadata))
-        return chases
-
-
-def weights_sha256(controller: str, scenario: Scenario) -> str | None:
-    """Which weights a trained controller has; None for one that has none."""
-    chosen = chosen_weights(controller, scenario)
-    return None if chosen is None else hashlib.sha256(chosen.path.read_bytes()).hexdigest()
 
 
 def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
@@ -291,10 +180,3 @@ def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) 
                 "time_s": sample / sampling_hz,
                 "fading_db": float(value),
             }
-
-
-def _save(path: Path, table: "pa.Table") -> None:
-    import pyarrow.parquet as pq
-
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")

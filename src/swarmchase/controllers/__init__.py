@@ -1,5 +1,7 @@
 """Controllers: one file each, all behind ``protocol.Controller``. ``load_controller`` finds one by name or path."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -16,15 +18,40 @@ from .random import RandomController
 from .shipped import chosen_weights, shipped_families
 from .weights import load_weights
 
-__all__ = ["ActionChoice", "Controller", "chosen_weights", "load_controller"]
+__all__ = ["ActionChoice", "Controller", "chosen_weights", "controller_names", "load_controller", "weights_path"]
+
+_UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
+    "particle": ParticleController,
+    "particle-unknown-power": partial(ParticleController, power_is_known=False),
+    "multilateration": MultilaterationController,
+    "multilateration-unknown-power": partial(MultilaterationController, power_is_known=False),
+    "gradient": GradientController,
+    "random": RandomController,
+    "oracle": OracleController,
+}
+
+
+def controller_names() -> list[str]:
+    """What ``load_controller`` knows by name."""
+    return [*_UNTRAINED, *shipped_families()]
+
+
+def weights_path(name_or_path: str | Path, scenario: Scenario) -> Path | None:
+    """The weights file of a trained controller, which need not exist; None for an untrained one.
+
+    Of a family that comes with the package it is the one for the scenario's F and rho (``chosen_weights``).
+    """
+    if str(name_or_path) in _UNTRAINED:
+        return None
+    chosen = chosen_weights(str(name_or_path), scenario)
+    return Path(name_or_path) if chosen is None else chosen.path
 
 
 def load_controller(
     name_or_path: str | Path, scenario: Scenario, action_choice: ActionChoice | None = None
 ) -> Controller:
-    """A controller by name (``paper``, ``paper-a3c``, ``random``, ``oracle``) or from a weights file.
+    """A controller by name (``controller_names``) or from a weights file.
 
-    Of a family of trained controllers it is the one trained nearest to the scenario's F and rho (``chosen_weights``).
     ``action_choice`` says how a learned controller turns its policies into actions; None takes what its weights
     file says.
 
@@ -32,22 +59,14 @@ def load_controller(
         InputError: an unknown name, or a file that is missing, damaged or does not match.
     """
     name = str(name_or_path)
-    if name == "random":
-        return RandomController(scenario)
-    if name == "oracle":
-        return OracleController(scenario)
-    if name in ("particle", "particle-unknown-power"):
-        return ParticleController(scenario, power_is_known=name == "particle")
-    if name in ("multilateration", "multilateration-unknown-power"):
-        return MultilaterationController(scenario, power_is_known=name == "multilateration")
-    if name == "gradient":
-        return GradientController(scenario)
-    chosen = chosen_weights(name, scenario)
-    path = Path(name_or_path) if chosen is None else chosen.path
-    if chosen is None and not (path.suffix == ".safetensors" or path.is_file()):
-        names = ", ".join(["random", "oracle", *shipped_families()])
+    if name in _UNTRAINED:
+        return _UNTRAINED[name](scenario)
+    path = weights_path(name_or_path, scenario)
+    assert path is not None
+    if not (path.suffix == ".safetensors" or path.is_file()):
         raise InputError(
-            f"no controller {name!r}; there are {names}, or give the path of a weights file (.safetensors)"
+            f"no controller {name!r}; there are {', '.join(controller_names())}, "
+            "or give the path of a weights file (.safetensors)"
         )
     networks, configuration = load_weights(path)
     if isinstance(networks, RecurrentNetwork) and scenario.window_samples != WINDOW_SAMPLES:

@@ -47,6 +47,7 @@ class GradientController:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._slope_db = 10 * scenario.path_loss_exponent / math.log(10)
+        self._steepest_db_per_m = self._slope_db / scenario.reference_distance_m
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> GradientMemory:
         """No gradient yet."""
@@ -61,6 +62,8 @@ class GradientController:
         apart_m = position_m[:, 2 * axis, axis] - position_m[:, 2 * axis + 1, axis]
         gradient_db_per_m = (power_dbm[:, 0::2] - power_dbm[:, 1::2]) / apart_m
         told = gradient_db_per_m.isfinite() & (apart_m.abs() > LEAST_PAIR_DISTANCE_M)
+        # Nothing that was told of may be steeper than the path loss is anywhere: one wild sample must not rule for ever.
+        gradient_db_per_m = gradient_db_per_m.clamp(-self._steepest_db_per_m, self._steepest_db_per_m)
         weighted_sum = memory.weighted_sum_db_per_m * torch.where(told, FORGETTING, 1.0)
         weighted_sum = weighted_sum + torch.where(told, gradient_db_per_m, 0.0)
         weight = torch.where(told, FORGETTING * memory.weight + 1, memory.weight)

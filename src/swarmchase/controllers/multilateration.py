@@ -63,6 +63,7 @@ class MultilaterationController:
         self.name = "multilateration" if power_is_known else "multilateration-unknown-power"
         self._scenario = scenario
         self._law = fading_law(scenario)
+        self._slope_db = 10 * scenario.path_loss_exponent / math.log(10)
         self._free = torch.tensor([True, True, True, not power_is_known])
         direction = CANDIDATE_DIRECTION / CANDIDATE_DIRECTION.norm(dim=1, keepdim=True)
         self._candidate = torch.nn.functional.pad(scenario.start_distance_m * direction, (0, 1))
@@ -109,12 +110,12 @@ class MultilaterationController:
         )
         estimate = self._best_start(memory)
         for _ in range(ITERATIONS):
-            residual, jacobian = self._residuals(memory, estimate)
+            residual, jacobian = self._residuals(memory, estimate), self._jacobian(memory, estimate)
             weight = 1 / (1 + (residual / CAUCHY_SCALE).square())
-            normal = (jacobian[..., None] * (weight[:, :, None] * jacobian)[:, :, None]).sum(dim=1)
+            normal = _total(jacobian[..., None] * (weight[:, :, None] * jacobian)[:, :, None])
             diagonal = normal.diagonal(dim1=1, dim2=2)
             normal = normal + torch.diag_embed(DAMPING * diagonal + 1e-9 + (~self._free).double())
-            step = torch.linalg.solve(normal, -((weight * residual)[..., None] * jacobian).sum(dim=1))
+            step = torch.linalg.solve(normal, -_total((weight * residual)[..., None] * jacobian))
             length_m = step[:, :3].norm(dim=1, keepdim=True)
             estimate = estimate + step * (LONGEST_STEP_M / length_m).clamp(max=1)
         return estimate
@@ -122,35 +123,47 @@ class MultilaterationController:
     def _best_start(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
         starts = [memory.estimate, *(one.expand(len(memory.estimate), -1) for one in self._candidate)]
         cost = torch.stack(
-            [(self._residuals(memory, start)[0] / CAUCHY_SCALE).square().log1p().sum(dim=1) for start in starts]
+            [_total((self._residuals(memory, start) / CAUCHY_SCALE).square().log1p()) for start in starts]
         )
         return torch.stack(starts)[cost.argmin(dim=0), torch.arange(len(memory.estimate))]
 
     def _residuals(
         self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
-    ) -> tuple[Float[Tensor, "chase residual"], Float[Tensor, "chase residual 4"]]:
-        """Whitened residuals of every window and tracker, of the distance from the start and of the power, and their
-        derivatives by the estimate."""
-        heard = memory.power_dbm.isfinite()
-        offset_m = estimate[:, None, None, :3] - memory.tracker_position_m
-        distance_m = offset_m.norm(dim=3).clamp(min=self._scenario.reference_distance_m)
-        slope_db = 10 * self._scenario.path_loss_exponent / math.log(10)
-        loss_db = slope_db * (distance_m / self._scenario.reference_distance_m).log()
+    ) -> Float[Tensor, "chase residual"]:
+        """Of the distance from the start, of the power, and whitened of every window and tracker."""
+        distance_m = self._offset_m(memory, estimate).norm(dim=3).clamp(min=self._scenario.reference_distance_m)
+        loss_db = self._slope_db * (distance_m / self._scenario.reference_distance_m).log()
         gain_dbm = self._scenario.transmit_power_dbm - self._scenario.reference_path_loss_db + self._law.median_db
         residual_db = memory.power_dbm.nan_to_num(0.0) + loss_db - gain_dbm - estimate[:, None, None, 3]
-        by_position = slope_db * offset_m / distance_m.square()[..., None]
-        jacobian = torch.cat([by_position, -torch.ones_like(by_position[..., :1])], dim=3) * self._free
         start_m = estimate[:, :3].norm(dim=1, keepdim=True).clamp(min=1e-6)
-        prior = torch.cat(
-            [(start_m / self._scenario.start_distance_m).log() / START_SPREAD, estimate[:, 3:] / POWER_SPREAD_DB], dim=1
+        return torch.cat(
+            [
+                (start_m / self._scenario.start_distance_m).log() / START_SPREAD,
+                estimate[:, 3:] / POWER_SPREAD_DB,
+                self._whitened(residual_db[..., None], memory.power_dbm.isfinite()).flatten(1),
+            ],
+            dim=1,
         )
+
+    def _jacobian(
+        self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
+    ) -> Float[Tensor, "chase residual 4"]:
+        """The residuals' derivatives by the estimate."""
+        offset_m = self._offset_m(memory, estimate)
+        distance_m = offset_m.norm(dim=3, keepdim=True).clamp(min=self._scenario.reference_distance_m)
+        by_position = self._slope_db * offset_m / distance_m.square()
+        by_estimate = torch.cat([by_position, -torch.ones_like(by_position[..., :1])], dim=3) * self._free
         by_prior = torch.zeros(len(estimate), 2, 4, dtype=torch.float64)
-        by_prior[:, 0, :3] = estimate[:, :3] / start_m.square() / START_SPREAD
+        squared_m2 = estimate[:, :3].square().sum(dim=1, keepdim=True).clamp(min=1e-12)
+        by_prior[:, 0, :3] = estimate[:, :3] / squared_m2 / START_SPREAD
         by_prior[:, 1, 3] = self._free[3] / POWER_SPREAD_DB
-        return (
-            torch.cat([self._whitened(residual_db[..., None], heard).flatten(1), prior], dim=1),
-            torch.cat([self._whitened(jacobian, heard).flatten(1, 2), by_prior], dim=1),
-        )
+        whitened = self._whitened(by_estimate, memory.power_dbm.isfinite())
+        return torch.cat([by_prior, whitened.flatten(1, 2)], dim=1)
+
+    def _offset_m(
+        self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
+    ) -> Float[Tensor, "chase window tracker 3"]:
+        return estimate[:, None, None, :3] - memory.tracker_position_m
 
     def _whitened(
         self, value: Float[Tensor, "chase window tracker k"], heard: Bool[Tensor, "chase window tracker"]
@@ -166,3 +179,13 @@ class MultilaterationController:
 
 def _pushed(rows: Float[Tensor, "chase window ..."], newest: Float[Tensor, "chase ..."]) -> Tensor:
     return torch.cat([newest[:, None], rows[:, :-1]], dim=1)
+
+
+def _total(rows: Float[Tensor, "chase row ..."]) -> Tensor:
+    """The sum of the rows, bit by bit the same whatever number of rows of zeros follows: half onto half."""
+    missing = (1 << (rows.shape[1] - 1).bit_length()) - rows.shape[1]
+    rows = torch.cat([rows, rows.new_zeros(len(rows), missing, *rows.shape[2:])], dim=1)
+    while rows.shape[1] > 1:
+        half = rows.shape[1] // 2
+        rows = rows[:, :half] + rows[:, half:]
+    return rows[:, 0]
