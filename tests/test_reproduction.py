@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
 
-from swarmchase import reproduction
+from swarmchase import blocks, reproduction
 from swarmchase.channel import fading_db
 from swarmchase.chases import ChaseResult
 from swarmchase.cli import main
@@ -56,7 +56,7 @@ def few_cells(monkeypatch: pytest.MonkeyPatch) -> list[Cell]:
     """Two cells that need no network, in blocks of three chases."""
     two = [Cell("oracle", 10.0, 0.9), Cell("random", 100.0, 0.1)]
     monkeypatch.setattr(reproduction, "cells", lambda: two)
-    monkeypatch.setattr(reproduction, "BLOCK_CHASES", 3)
+    monkeypatch.setattr(blocks, "BLOCK_CHASES", 3)
     monkeypatch.setattr(Cell, "scenario", property(lambda cell: near(cell.sampling_hz, cell.spatial_correlation)))
     return two
 
@@ -109,7 +109,7 @@ def test_interrupted_it_goes_on_behind_the_last_block(
         evaluated.append((controller, first_chase, episodes))
         return evaluate(scenario, controller, episodes, *arguments, first_chase=first_chase, **options)
 
-    monkeypatch.setattr(reproduction, "evaluate", counted)
+    monkeypatch.setattr(blocks, "evaluate", counted)
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path / "parts", 7, 3, 1)
     assert not (tmp_path / "parts" / TABLE_FILE).exists()
@@ -127,9 +127,9 @@ def test_a_block_of_another_run_is_made_anew(
 ) -> None:
     first = reproduce(tmp_path, 3, 3, 1)
     if change == "version":
-        monkeypatch.setattr(reproduction, "__version__", "another")
+        monkeypatch.setattr(blocks, "__version__", "another")
     if change == "weights":
-        monkeypatch.setattr(reproduction, "weights_sha256", lambda *_: "another")
+        monkeypatch.setattr(blocks, "weights_sha256", lambda *_: "another")
     if change == "damage":
         for block in (tmp_path / "blocks").iterdir():
             block.write_bytes(block.read_bytes()[:-20])
@@ -139,7 +139,7 @@ def test_a_block_of_another_run_is_made_anew(
         evaluated.append(controller)
         return evaluate(scenario, controller, *arguments, **options)
 
-    monkeypatch.setattr(reproduction, "evaluate", counted)
+    monkeypatch.setattr(blocks, "evaluate", counted)
     assert reproduce(tmp_path, 3, 3, 1) == first
     assert evaluated == ([] if change == "nothing" else ["oracle", "random"])
 
@@ -159,7 +159,7 @@ def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=path.name):
             read_evaluations(path)
     with pytest.raises(InputError, match="episodes = 0"):
-        reproduce(tmp_path, 0, 0, 1)
+        reproduce(tmp_path / "new", 0, 0, 1)
 
 
 def test_the_fading_examples_are_the_channels_own() -> None:

@@ -187,7 +187,7 @@ def _movements(evaluation: Evaluation) -> NDArray[Any]:
 
 
 def timed_decisions_ms(controller_name: str, scenario: Scenario) -> tuple[float, float]:
-    """Median and 99th percentile of the time a decision takes, in a batch of one on one thread, in chase after chase."""
+    """Median and 99th percentile of the time a decision takes: a batch of one on one thread, chase after chase."""
     controller, environment = load_controller(controller_name, scenario), Environment(scenario)
     times_ms: list[float] = []
     chase = 0

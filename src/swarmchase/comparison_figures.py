@@ -89,8 +89,12 @@ def distribution_figure(movements: Movements) -> Figure:
         axes.set_xticks([15, 30, 60, 120], ["15", "30", "60", "120"])
     for axes in panels.flat[len(places) :]:
         axes.set_visible(False)
-    figure.supxlabel("movements", fontsize=8)
-    figure.supylabel("share of chases", fontsize=8)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("share of chases")
+    for number, axes in enumerate(panels.flat[: len(places)]):
+        if number + columns >= len(places):
+            axes.set_xlabel("movements")
+            axes.tick_params(labelbottom=True)
     _legend_below(figure, list(panels.flat[: len(places)]))
     return figure
 
@@ -115,7 +119,9 @@ def percentile_figure(rows: Sequence[Row]) -> Figure:
         sampling_axis(axes)
         axes.set(yscale="log", title=f"ρ = {correlation:g}")
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.set_yticks([20, 30, 40, 60, 80, 120, 160, 240], ["20", "30", "40", "60", "80", "120", "160", "240"])
+        ticks = [20, 30, 40, 60, 80, 120, 160, 240]
+        axes.set_yticks(ticks, [f"{tick}" for tick in ticks])
+    panels[0].set_ylim(20, 1.2 * max([row["movements_p90"] for row in rows] + list(MOVEMENTS_P90.values())))
     panels[0].set_ylabel("90th percentile of movements")
     _legend_below(figure, list(panels))
     return figure
@@ -184,4 +190,5 @@ def _legend_below(figure: Figure, panels: Sequence[Axes]) -> None:
     for axes in panels:
         handles, labels = star_last(axes)
         shown |= {label: handle for handle, label in zip(handles, labels, strict=True) if label not in shown}
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=min(5, len(shown)), frameon=False)
+    columns = 5 if len(panels) > 1 else 3
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False)

@@ -20,7 +20,7 @@ def comparison_tables(rows: Sequence[Row]) -> dict[str, str]:
     if others:
         tables[f"difference of the 90th percentile from {first}"] = _by_place(others, _percentile_difference)
         tables[f"difference of the mean from {first}"] = _by_place(others, _mean_difference)
-    timed = [row for row in rows if row["decision_ms_p99"] is not None]
+    timed = [row for row in rows if row["decision_ms_p99"] is not None and row["world"] == rows[0]["world"]]
     if timed:
         tables["milliseconds a decision: median, 99th percentile"] = _by_place(timed, _decision)
     return tables

@@ -17,7 +17,8 @@ class ChaseCommand(ScenarioOptions):
     """Run one chase and tell it movement by movement; leave a log and a picture of it."""
 
     controller: str = "paper"
-    """paper or paper-a3c (trained, the nearest to F and rho), random, oracle, or the path of a weights file."""
+    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
+    oracle, or the path of a weights file; docs/controllers.md says which to choose."""
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     seed: int = 0

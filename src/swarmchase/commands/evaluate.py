@@ -20,7 +20,8 @@ class EvaluateCommand(ScenarioOptions):
     """Run a controller through many chases and print movements, tracking time and their confidence intervals."""
 
     controller: str = "paper"
-    """paper or paper-a3c (trained, the nearest to F and rho), random, oracle, or the path of a weights file."""
+    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
+    oracle, or the path of a weights file; docs/controllers.md says which to choose."""
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     episodes: int = 1000
