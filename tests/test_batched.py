@@ -14,7 +14,13 @@ from swarmchase.channel import rssi_dbm
 from swarmchase.cli import main
 from swarmchase.commands.train import TrainBatchedCommand
 from swarmchase.controllers.weights import load_weights, save_weights
-from swarmchase.environment import Environment, State, counterfactual_reward_m, distance_reduction_m
+from swarmchase.environment import (
+    Environment,
+    State,
+    counterfactual_reward_m,
+    distance_reduction_m,
+    unfaded_dbm,
+)
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.networks import SwarmNetworks, SymmetricNetworks, with_policy_scale
@@ -217,10 +223,13 @@ def test_a_mirrored_rollout_is_that_of_the_mirrored_world() -> None:
         following, outcome = environment.step(state, action_from_choice(scenario, chosen))
         return Rollout(
             rssi_dbm=following.rssi_dbm[None].expand(2, -1, -1, -1),
+            tracker_position_m=torch.zeros(2, 4, 6, 3),
+            memory=torch.zeros(4, 0),
             choice=chosen[None],
             logits=torch.arange(20.0).view(1, 1, 4, 5).expand(1, 4, 4, 5),
             reward_m=outcome.reward_m.float()[None],
             counterfactual_reward_m=counterfactual_reward_m(scenario, state).float()[None],
+            unfaded_dbm=unfaded_dbm(scenario, following).float()[None],
             valid=torch.ones(1, 4, dtype=torch.bool),
             reached=outcome.reached,
             truncated=outcome.truncated,
@@ -230,6 +239,7 @@ def test_a_mirrored_rollout_is_that_of_the_mirrored_world() -> None:
     torch.testing.assert_close(seen.rssi_dbm, world.rssi_dbm, atol=1e-3, rtol=0)
     assert torch.equal(seen.choice, world.choice)
     torch.testing.assert_close(seen.reward_m, world.reward_m)
+    torch.testing.assert_close(seen.unfaded_dbm, world.unfaded_dbm)
     torch.testing.assert_close(seen.counterfactual_reward_m, world.counterfactual_reward_m)
     assert seen.logits[0, 0, 1].tolist() == [9, 8, 7, 6, 5]
     assert seen.logits[0, 0, 0].tolist() == [0, 1, 2, 3, 4]

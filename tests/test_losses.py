@@ -119,6 +119,7 @@ def scripted_rollout(values, reward, choice, steps, reached=False, truncated=Fal
         logits=torch.tensor(HALVING, dtype=torch.float64).log().expand(len(reward), 1, 4, 5),
         reward_m=per_step(*reward),
         counterfactual_reward_m=torch.zeros(len(reward), 1, 3, 5, dtype=torch.float64),
+        unfaded_dbm=torch.zeros(len(reward), 1, 6, dtype=torch.float64),
         valid=torch.arange(len(reward))[:, None] < steps,
         reached=torch.tensor([reached]),
         truncated=torch.tensor([truncated]),

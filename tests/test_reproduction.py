@@ -16,12 +16,20 @@ from swarmchase import blocks, reproduction
 from swarmchase.channel import fading_db
 from swarmchase.chases import ChaseResult
 from swarmchase.cli import main
-from swarmchase.controllers.shipped import training_log
 from swarmchase.errors import InputError
 from swarmchase.evaluation import Evaluation, evaluate
 from swarmchase.paper_figures import draw_all, movement_figure, percentile_figure, tracking_time_figure
 from swarmchase.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
-from swarmchase.reproduction import FADING_FILE, TABLE_FILE, Cell, cells, fading_table, read_evaluations, reproduce
+from swarmchase.reproduction import (
+    FADING_FILE,
+    TABLE_FILE,
+    Cell,
+    cells,
+    fading_table,
+    read_evaluations,
+    reproduce,
+    training_log,
+)
 from swarmchase.results_report import report_tables
 from swarmchase.scenario import paper_scenario
 

@@ -166,7 +166,7 @@ def test_weights_that_do_not_fit_float16_are_refused_when_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["papper", "", "no/such/folder"])
 def test_an_unknown_name_is_answered_with_the_names_there_are(name):
-    with pytest.raises(InputError, match=r"there are random, oracle.*path of a weights file") as refusal:
+    with pytest.raises(InputError, match=r"there are particle, .*random, oracle, .*path of a weights file") as refusal:
         load_controller(name, paper_scenario())
     assert repr(name) in str(refusal.value)
 
@@ -211,11 +211,15 @@ def test_actions_are_chosen_as_asked_or_else_as_the_file_says(tmp_path, networks
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-def test_a_window_with_missing_samples_is_refused(path, value):
-    rssi_dbm = window()
-    rssi_dbm[1, 7, 2:4] = value
-    with pytest.raises(InputError, match=r"2 missing samples.*needs complete windows"):
-        decide(load_controller(path, paper_scenario()), rssi_dbm)
+def test_a_missing_sample_takes_the_mean_of_its_tracker_s_others(path, value):
+    rssi_dbm = window() + torch.randn(2, 50, 6, generator=torch.Generator().manual_seed(1))
+    filled_dbm = rssi_dbm.clone()
+    rssi_dbm[1, 7, 2] = value
+    filled_dbm[1, 7, 2] = (rssi_dbm[1, :7, 2].sum() + rssi_dbm[1, 8:, 2].sum()) / 49
+    controller = load_controller(path, paper_scenario(), "greedy")
+    found, expected = decide(controller, rssi_dbm), decide(controller, filled_dbm)
+    assert torch.equal(found.displacement_m, expected.displacement_m)
+    assert torch.equal(found.spacing_m, expected.spacing_m)
 
 
 @pytest.mark.parametrize(("samples", "trackers"), [(49, 6), (51, 6), (50, 5), (1, 1)])

@@ -48,8 +48,12 @@ def rssi_dbm(
     scenario: Scenario, distance_m: Float[Tensor, "chase tracker"], fading: Float[Tensor, "chase tracker 2 sample"]
 ) -> Float[Tensor, "chase sample tracker"]:
     """Eq. (1): the RSSI window that six trackers at these distances report, float32."""
-    mean_dbm = scenario.transmit_power_dbm - path_loss_db(scenario, distance_m)
-    return fading_db(fading).add_(mean_dbm.float()[:, :, None]).transpose(1, 2)
+    return fading_db(fading).add_(unfaded_dbm(scenario, distance_m).float()[:, :, None]).transpose(1, 2)
+
+
+def unfaded_dbm(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """What would be heard at these distances if nothing faded."""
+    return scenario.transmit_power_dbm - path_loss_db(scenario, distance_m)
 
 
 @dataclass(frozen=True)

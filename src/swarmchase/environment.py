@@ -10,6 +10,7 @@ import torch
 
 from .array_types import Bool, Float, Int, Tensor
 from .channel import FadingProcess, FadingState, rssi_dbm
+from .channel import unfaded_dbm as unfaded_dbm_at
 from .errors import InputError
 from .formation import Action, tracker_position_m
 from .observation import Observation
@@ -126,8 +127,8 @@ class Environment:
         fading: FadingState,
         receivers: ReceiverState,
     ) -> Float[Tensor, "chase sample tracker"]:
-        offset_m = tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]
-        arriving_dbm = rssi_dbm(self.scenario, offset_m.norm(dim=2), self._fading.window(fading))
+        distance_m = _tracker_distance_m(target_position_m, center_m, spacing_m)
+        arriving_dbm = rssi_dbm(self.scenario, distance_m, self._fading.window(fading))
         return self._receivers.reported_dbm(receivers, arriving_dbm)
 
     def _outcome(self, before: State, after: State) -> Outcome:
@@ -169,6 +170,18 @@ def counterfactual_reward_m(scenario: Scenario, state: State) -> Float[Tensor, "
     remaining_m = state.target_position_m - state.center_m
     choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=remaining_m.device)
     return remaining_m.abs()[..., None] - (remaining_m[..., None] - choices_m).abs()
+
+
+def unfaded_dbm(scenario: Scenario, state: State) -> Float[Tensor, "chase tracker"]:
+    """What each tracker would hear here if nothing faded: only the simulator can know it, float64."""
+    return unfaded_dbm_at(scenario, _tracker_distance_m(state.target_position_m, state.center_m, state.spacing_m))
+
+
+def _tracker_distance_m(
+    target_position_m: Float[Tensor, "chase 3"], center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
+) -> Float[Tensor, "chase tracker"]:
+    distance_m: Tensor = (tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]).norm(dim=2)
+    return distance_m
 
 
 def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:

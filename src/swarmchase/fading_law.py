@@ -1,15 +1,19 @@
-"""What a window's mean power says of the distance: the law of the fading in it, under a scenario's channel.
+"""What a window's power says of the distance: the law of the fading in it, under a scenario's channel.
 
 The six mean powers of a window are a path gain each plus the fading's mean power in dB, whose joint law does not
 depend on the distances. It has no closed form. Here it is a Gaussian copula: each tracker's fading is mapped to a
 standard normal by the quantiles of many windows drawn from ``channel.FadingProcess``, and the six normals have one
 correlation, since all trackers fade alike. At 100 Hz the law has a long tail towards deep fades: as a plain Gaussian it
 costs a particle filter 4 % more movements.
+
+A window may also enter by another statistic of its power than the mean (``WindowPower``); the law is that of what
+fading does to it.
 """
 
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +23,8 @@ from scipy.special import ndtr
 
 from .array_types import Bool, Float, Tensor
 from .channel import FadingProcess
+from .channel import fading_db as samples_db
+from .observation import mean_power_dbm
 from .scenario import NUM_TRACKERS, Scenario
 from .streams import chase_keys
 
@@ -32,13 +38,17 @@ KNOT_STEP = 0.2
 LOWEST_DB, HIGHEST_DB, TABLE_STEP_DB = -80.0, 40.0, 0.01
 """Range and resolution of the tabulated map; what lies outside counts as its end."""
 LEAST_SPREAD_DB = 0.1
-"""Trackers are never taken to differ by less than this (standard deviation), although nothing at all may fade (K without
-bound) or all of them as one (rho = 1): no fit and no particles would be near enough to a window that says so much."""
+"""Trackers are never taken to differ by less than this (standard deviation), although nothing at all may fade (K
+without bound) or all of them as one (rho = 1): no fit and no particles would be near enough to a window that says so
+much."""
+
+WindowPower = Callable[[Float[Tensor, "chase sample tracker"]], Float[Tensor, "chase tracker"]]
+"""One level in dBm of each tracker for a window in dBm; if all samples rise by 1 dB, so does the level."""
 
 
 @dataclass(frozen=True)
 class FadingLaw:
-    """The joint law of the six trackers' mean fading power in a window, in dB."""
+    """The joint law of what fading adds to the six trackers' levels in a window, in dB."""
 
     normal: Float[Tensor, "level"]
     """The standard normal that a level stands for, level by level of the table."""
@@ -79,9 +89,9 @@ class FadingLaw:
 
 
 @functools.lru_cache(maxsize=32)
-def fading_law(scenario: Scenario) -> FadingLaw:
+def fading_law(scenario: Scenario, window_power: WindowPower = mean_power_dbm) -> FadingLaw:
     """The law under a scenario's channel, from ``LAW_WINDOWS`` windows drawn with streams of its own."""
-    fading_db = _drawn_fading_db(scenario)
+    fading_db = _drawn_fading_db(scenario, window_power)
     knot = np.arange(-MOST_NORMAL, MOST_NORMAL + KNOT_STEP / 2, KNOT_STEP)
     quantile_db = np.quantile(fading_db, ndtr(knot))
     inner = PchipInterpolator(quantile_db, knot)
@@ -104,13 +114,15 @@ def fading_law(scenario: Scenario) -> FadingLaw:
     return dataclasses.replace(law, least_log_likelihood=float(log_likelihood.min()))
 
 
-def _drawn_fading_db(scenario: Scenario) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    """The mean fading power of ``LAW_WINDOWS`` windows at six trackers, spread to ``LEAST_SPREAD_DB``."""
+def _drawn_fading_db(
+    scenario: Scenario, window_power: WindowPower
+) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+    """What fading adds to six trackers' levels in ``LAW_WINDOWS`` windows, spread to ``LEAST_SPREAD_DB``."""
     process = FadingProcess(scenario)
     drawn = []
     for first in range(0, LAW_WINDOWS, 1000):
         window = process.window(process.begin(chase_keys(LAW_SEED, 1000, first)))
-        drawn.append(10 * window.square().sum(dim=2).mean(dim=2).log10())
+        drawn.append(window_power(samples_db(window).transpose(1, 2)))
     fading_db = np.asarray(torch.cat(drawn).double().numpy())
     apart_db = fading_db - fading_db.mean(axis=1, keepdims=True)
     missing = LEAST_SPREAD_DB**2 - apart_db.var() * NUM_TRACKERS / (NUM_TRACKERS - 1)

@@ -33,14 +33,14 @@ class Observation:
             )
 
 
-def mean_power_dbm(observation: Observation) -> Float[Tensor, "chase tracker"]:
+def mean_power_dbm(rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Tensor, "chase tracker"]:
     """The mean power of each tracker's valid samples, averaged in milliwatts; NaN where a tracker has none.
 
     Of all simple statistics of a window it says most about the distance: the mean of its dB values is spoilt by a
     few deep fades.
     """
     # One layout in memory, and exp in the place of a power of ten: else the last bits would depend on the batch.
-    rssi_dbm = observation.rssi_dbm.float().transpose(1, 2).contiguous()
+    rssi_dbm = rssi_dbm.float().transpose(1, 2).contiguous()
     valid = rssi_dbm.isfinite()
     # Relative to the strongest sample: ten to the power of a level below -380 dBm would be no float32.
     strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=2)

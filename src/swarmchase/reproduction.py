@@ -17,7 +17,7 @@ from . import __version__
 from .blocks import Finished, Job, evaluate_jobs, save_table, weights_sha256
 from .channel import FadingProcess, fading_db
 from .chases import ChaseResult
-from .controllers.shipped import setting_name, shipped_families
+from .controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
 from .errors import InputError
 from .evaluation import Evaluation
 from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
@@ -31,6 +31,7 @@ COMPARISON_SHARE = 5
 """``paper-a3c`` is evaluated in one of so many chases: the first ones."""
 TABLE_FILE = "reproduction.parquet"
 FADING_FILE = "fading.parquet"
+TRAINING_LOG = WEIGHTS_FOLDER / "paper-a3c" / "F10-rho0.9-training.parquet"
 FADING_SETTINGS = ((20.0, 0.1), (10.0, 0.9))
 """(F, rho) of Fig. 3 (a) and (b)."""
 
@@ -180,3 +181,10 @@ def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) 
                 "time_s": sample / sampling_hz,
                 "fading_db": float(value),
             }
+
+
+def training_log() -> list[dict[str, Any]]:
+    """The chases of the training that made ``paper-a3c`` for F = 10 Hz, rho = 0.9, as in a run's log: Fig. 4's data."""
+    import pyarrow.parquet as pq
+
+    return pq.read_table(TRAINING_LOG).to_pylist()  # type: ignore[no-any-return]

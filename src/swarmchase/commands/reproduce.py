@@ -59,9 +59,8 @@ class ReproduceCommand:
 def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
     import pyarrow.parquet as pq
 
-    from ..controllers.shipped import training_log
     from ..paper_figures import draw_all
-    from ..reproduction import FADING_FILE
+    from ..reproduction import FADING_FILE, training_log
 
     movements = {
         (one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation): [

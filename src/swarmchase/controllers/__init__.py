@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import get_args
 
 from ..errors import InputError
-from ..recurrent_network import WINDOW_SAMPLES, RecurrentNetwork
+from ..fading_network import CorrectedPower, FadingNetwork
+from ..gated_network import GatedNetwork
+from ..networks import PAPER_WINDOW_SAMPLES
 from ..scenario import Scenario
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController
@@ -16,13 +18,21 @@ from .particle import ParticleController
 from .protocol import Controller
 from .random import RandomController
 from .shipped import chosen_weights, shipped_families
-from .weights import load_weights
+from .weights import FiledNetworks, load_weights
 
-__all__ = ["ActionChoice", "Controller", "chosen_weights", "controller_names", "load_controller", "weights_path"]
+__all__ = [
+    "ActionChoice",
+    "Controller",
+    "chosen_weights",
+    "controller_names",
+    "load_controller",
+    "network_controller",
+    "weights_path",
+]
 
 _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
     "particle": ParticleController,
-    "particle-unknown-power": partial(ParticleController, power_is_known=False),
+    "particle-unknown-power": partial(ParticleController, name="particle-unknown-power", power_is_known=False),
     "multilateration": MultilaterationController,
     "multilateration-unknown-power": partial(MultilaterationController, power_is_known=False),
     "gradient": GradientController,
@@ -69,12 +79,26 @@ def load_controller(
             "or give the path of a weights file (.safetensors)"
         )
     networks, configuration = load_weights(path)
-    if isinstance(networks, RecurrentNetwork) and scenario.window_samples != WINDOW_SAMPLES:
-        raise InputError(
-            f"{name} needs windows of {WINDOW_SAMPLES} samples; the scenario has {scenario.window_samples}"
-        )
     filed_choice = configuration.get("action_choice", "sampled")
     if filed_choice not in get_args(ActionChoice):
         allowed = " or ".join(map(repr, get_args(ActionChoice)))
         raise InputError(f"weights file {path} says action_choice = {filed_choice!r}; allowed is {allowed}")
-    return LearnedController(scenario, networks, name, action_choice or filed_choice)
+    return network_controller(scenario, networks, name, action_choice or filed_choice)
+
+
+def network_controller(
+    scenario: Scenario, networks: FiledNetworks, name: str, action_choice: ActionChoice
+) -> Controller:
+    """The controller that decides by these networks. One that has a network for its likelihood alone draws nothing:
+    ``action_choice`` is not for it.
+
+    Raises:
+        InputError: windows of a length that the networks do not take.
+    """
+    if isinstance(networks, GatedNetwork | FadingNetwork) and scenario.window_samples != PAPER_WINDOW_SAMPLES:
+        raise InputError(
+            f"{name} needs windows of {PAPER_WINDOW_SAMPLES} samples; the scenario has {scenario.window_samples}"
+        )
+    if isinstance(networks, FadingNetwork):
+        return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
+    return LearnedController(scenario, networks, name, action_choice)

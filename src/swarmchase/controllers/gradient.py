@@ -56,13 +56,13 @@ class GradientController:
 
     def decide(self, observation: Observation, memory: GradientMemory) -> tuple[Action, GradientMemory]:
         """Average the gradient and step along it."""
-        power_dbm = mean_power_dbm(observation).double()
+        power_dbm = mean_power_dbm(observation.rssi_dbm).double()
         position_m = mean_position_m(observation)
         axis = torch.arange(3)
         apart_m = position_m[:, 2 * axis, axis] - position_m[:, 2 * axis + 1, axis]
         gradient_db_per_m = (power_dbm[:, 0::2] - power_dbm[:, 1::2]) / apart_m
         told = gradient_db_per_m.isfinite() & (apart_m.abs() > LEAST_PAIR_DISTANCE_M)
-        # Nothing that was told of may be steeper than the path loss is anywhere: one wild sample must not rule for ever.
+        # Nothing is steeper than the path loss is anywhere: one wild sample must not rule for ever.
         gradient_db_per_m = gradient_db_per_m.clamp(-self._steepest_db_per_m, self._steepest_db_per_m)
         weighted_sum = memory.weighted_sum_db_per_m * torch.where(told, FORGETTING, 1.0)
         weighted_sum = weighted_sum + torch.where(told, gradient_db_per_m, 0.0)

@@ -1,7 +1,7 @@
-"""``paper``, ``recurrent`` and every other controller whose decisions come from trained networks.
+"""``paper``, ``robust`` and every other controller whose decisions come from trained networks.
 
-Networks of the paper's form decide from the current window alone; the recurrent one remembers. Missing samples (NaN)
-are filled by the networks, each in its way (``networks.filled_window_dbm``, ``recurrent_network``); in a window without
+Networks of the paper's form decide from the current window alone; the gated one remembers. Missing samples (NaN)
+are filled by the networks, each in its way (``networks.filled_window_dbm``, ``gated_network``); in a window without
 any sample the controller holds still and remembers nothing of it.
 """
 
@@ -13,9 +13,9 @@ import torch
 from ..array_types import Float, Int, Tensor
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..networks import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
+from ..gated_network import GatedNetwork
+from ..networks import NETWORK_NAMES, NUM_CHOICES, WindowNetworks, greedy_choice, sampled_choice
 from ..observation import Observation, mean_position_m
-from ..recurrent_network import Networks
 from ..scenario import NUM_TRACKERS, Scenario
 from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
@@ -43,7 +43,11 @@ class LearnedController:
     """
 
     def __init__(
-        self, scenario: Scenario, networks: Networks, name: str, action_choice: ActionChoice = "sampled"
+        self,
+        scenario: Scenario,
+        networks: WindowNetworks | GatedNetwork,
+        name: str,
+        action_choice: ActionChoice = "sampled",
     ) -> None:
         if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
             raise InputError(

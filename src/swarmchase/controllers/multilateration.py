@@ -79,7 +79,7 @@ class MultilaterationController:
 
     def decide(self, observation: Observation, memory: MultilaterationMemory) -> tuple[Action, MultilaterationMemory]:
         """Fit, and take the displacement that comes nearest to the fitted position."""
-        power_dbm = mean_power_dbm(observation).double()
+        power_dbm = mean_power_dbm(observation.rssi_dbm).double()
         deaf = ~power_dbm.isfinite().any(dim=1)
         memory = replace(
             memory,

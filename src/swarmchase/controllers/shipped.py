@@ -5,7 +5,6 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..scenario import Scenario
 
@@ -14,7 +13,6 @@ WEIGHTS_FOLDER = Path(__file__).parent.parent / "weights"
 ALL_SETTINGS = "all-settings"
 TRAINED_HZ, TRAINED_CORRELATION = (10.0, 100.0), (0.1, 0.9)
 """Between these the controllers for all settings were trained, which are told F and rho."""
-TRAINING_LOG = WEIGHTS_FOLDER / "paper-a3c" / "F10-rho0.9-training.parquet"
 CORRELATION_STEP = 0.4
 """This much rho weighs as much as a factor of two in F: both are about a step between the paper's settings."""
 
@@ -104,10 +102,3 @@ def chosen_weights(name: str, scenario: Scenario) -> ShippedWeights | None:
 
 def _lies_in(value: float, bounds: tuple[float, float]) -> bool:
     return bounds[0] <= value <= bounds[1]
-
-
-def training_log() -> list[dict[str, Any]]:
-    """The chases of the training that made ``paper-a3c`` for F = 10 Hz, rho = 0.9, as in a run's log: Fig. 4's data."""
-    import pyarrow.parquet as pq
-
-    return pq.read_table(TRAINING_LOG).to_pylist()  # type: ignore[no-any-return]

@@ -1,37 +1,41 @@
 """Weights files: the networks as safetensors with the configuration that made them."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from ..errors import InputError
+from ..fading_network import FadingNetwork
+from ..gated_network import GatedNetwork
 from ..networks import SwarmNetworks
-from ..recurrent_network import RecurrentNetwork
 from ..tensor_files import load_tensors, save_tensors
 
+FiledNetworks = SwarmNetworks | GatedNetwork | FadingNetwork
+"""What a weights file may hold."""
+
 FORMAT = "swarmchase-networks-1"
-RECURRENT_FORMAT = "swarmchase-recurrent-1"
-_FORMS: dict[str, Callable[[], SwarmNetworks | RecurrentNetwork]] = {
+"""Of the paper's four networks."""
+_FORMS: dict[str, type[FiledNetworks]] = {
     FORMAT: SwarmNetworks,
-    RECURRENT_FORMAT: RecurrentNetwork,
+    "swarmchase-gated-1": GatedNetwork,
+    "swarmchase-fading-1": FadingNetwork,
 }
 
 
 def save_weights(
     path: Path,
-    networks: SwarmNetworks | RecurrentNetwork,
+    networks: FiledNetworks,
     configuration: dict[str, Any],
     dtype: torch.dtype = torch.float32,
 ) -> None:
     """Write the parameters in ``dtype`` with their configuration (scenario and training), whole or not at all."""
     tensors = {name: tensor.detach().to(dtype).clone() for name, tensor in networks.state_dict().items()}
-    form = RECURRENT_FORMAT if isinstance(networks, RecurrentNetwork) else FORMAT
+    [form] = [name for name, network_form in _FORMS.items() if isinstance(networks, network_form)]
     save_tensors(path, tensors, {"format": form, **configuration})
 
 
-def load_weights(path: Path) -> tuple[SwarmNetworks | RecurrentNetwork, dict[str, Any]]:
+def load_weights(path: Path) -> tuple[FiledNetworks, dict[str, Any]]:
     """The networks in float32 and the configuration that made them.
 
     Raises:

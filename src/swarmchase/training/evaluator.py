@@ -8,13 +8,13 @@ from typing import Any
 import torch
 
 from ..chases import ChaseResult, nearest_rank_percentile, run_chases
-from ..controllers.learned import LearnedController
-from ..controllers.weights import save_weights
-from ..recurrent_network import Networks
+from ..controllers import network_controller
+from ..controllers.weights import FiledNetworks, save_weights
 from ..robustness import drawn_world
 from ..scenario import Scenario
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks, deployed, new_networks
+from .rollout import Networks
 from .settings import Schedule, TrainingSettings, training_seed
 
 BEST_WEIGHTS = "best.safetensors"
@@ -109,8 +109,8 @@ class Evaluator:
         told = [scenario for scenario in self._scenarios for _ in range(EVALUATION_WORLDS)]
         return [(scenario, drawn_world(scenario, self._seed, number)) for number, scenario in enumerate(told)]
 
-    def _chases(self, told: Scenario, world: Scenario, networks: Networks) -> list[ChaseResult]:
-        controller = LearnedController(told, networks, "in training", self._settings.action_choice)
+    def _chases(self, told: Scenario, world: Scenario, networks: FiledNetworks) -> list[ChaseResult]:
+        controller = network_controller(told, networks, "in training", self._settings.action_choice)
         return list(run_chases(world, controller, self._seed, range(self._settings.evaluation_chases)))
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:

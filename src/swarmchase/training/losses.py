@@ -13,21 +13,26 @@ import torch
 
 from ..array_types import Bool, Float, Tensor
 from ..errors import InputError
-from ..recurrent_network import Networks
-from .rollout import Rollout
+from ..fading_network import FadingNetwork
+from ..observation import mean_power_dbm
+from ..scenario import NUM_TRACKERS
+from .rollout import Networks, Rollout
 
 DISPLACEMENT_SCALE_M = 4.0
 """The unit of rewards in counterfactual regression: the longest displacement on an axis."""
+LEAST_VARIANCE = 0.01
+"""In dB^2: errors smaller than a tenth of a decibel earn nothing."""
 
-Objective = Literal["actor_critic", "ppo", "all_actions", "counterfactual"]
-"""What the policies learn from.
+Objective = Literal["actor_critic", "ppo", "all_actions", "counterfactual", "fading"]
+"""What the networks learn from.
 
 - ``actor_critic``: the choices taken, weighted by their advantage (Algorithm 1);
 - ``ppo``: the same, with the probability ratio clipped (Schulman et al. 2017), for several passes over a rollout;
 - ``all_actions``: x, y and z from the expected reward over all five choices, which the simulator knows; d as in
   Algorithm 1;
 - ``counterfactual``: regression. Logits of x, y and z are the rewards of the five choices over a temperature; that of
-  the chosen spacing is R^d of the movement after, the first that it can influence. No critic.
+  the chosen spacing is R^d of the movement after, the first that it can influence. No critic;
+- ``fading``: regression of the fading in each tracker's mean power, which the simulator knows. No policies.
 """
 ValueLoss = Literal["n_step", "one_step"]
 """Algorithm 1 takes the n-step advantage, the text of Section III.B the one-step temporal difference."""
@@ -42,7 +47,7 @@ class LossSettings:
     """
 
     objective: Objective = "actor_critic"
-    """What the policies learn from."""
+    """What the networks learn from."""
     discount: float = 0.99
     """gamma."""
     gae_lambda: float = 1.0
@@ -130,9 +135,33 @@ def counterfactual_loss(
     return torch.cat([spacing_loss[None], _averaged(axis_error_m, rollout.valid)]) / DISPLACEMENT_SCALE_M**2
 
 
-def rollout_loss(networks: Networks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "4"]:
+def fading_loss(networks: FadingNetwork, rollout: Rollout) -> Float[Tensor, "1"]:
+    """What a window of this rollout costs in nats if the errors of the expected fading are taken as Gaussian.
+
+    Errors that trackers make together and those by which they differ have a variance each, estimated from the rollout
+    itself: - log likelihood = (5 log v_apart + log v_together) / 2 but for a constant. Plain squared errors would be
+    ruled by what trackers fade together, and it is the difference that tells the direction.
+    """
+    rssi_dbm = rollout.rssi_dbm[:-1].flatten(0, 1)
+    fading_db = mean_power_dbm(rssi_dbm) - rollout.unfaded_dbm.flatten(0, 1)
+    error_db = networks(rssi_dbm, rollout.memory.repeat(len(rollout.valid), 1)) - fading_db
+    counts = error_db.isfinite() & rollout.valid.flatten()[:, None]
+    error_db = torch.where(counts, error_db, 0.0)
+    num_heard = counts.sum(dim=1)
+    together_db = error_db.sum(dim=1) / num_heard.clamp(min=1)
+    apart_db = torch.where(counts, error_db - together_db[:, None], 0.0)
+    apart_variance = apart_db.square().sum() / (num_heard - 1).clamp(min=0).sum().clamp(min=1)
+    together_variance = together_db.square().sum() / (num_heard > 0).sum().clamp(min=1)
+    apart_nats, together_nats = torch.stack([apart_variance, together_variance]).add(LEAST_VARIANCE).log() / 2
+    nats: Tensor = (NUM_TRACKERS - 1) * apart_nats + together_nats
+    return nats[None]
+
+
+def rollout_loss(networks: Networks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "network"]:
     """L^n of one rollout under the networks' present parameters; one forward pass over all of its windows."""
     num_steps, num_chases = rollout.valid.shape
+    if isinstance(networks, FadingNetwork):
+        return fading_loss(networks, rollout)
     if settings.objective == "counterfactual":
         logits = networks.decide_in_sequence(rollout.rssi_dbm[:-1], rollout.tracker_position_m[:-1], rollout.memory)
         return counterfactual_loss(logits, rollout, settings)

@@ -4,11 +4,16 @@ One array is one copy to synchronise, one fused Adam step, and later one message
 are views of it.
 """
 
+import copy
+
 import torch
 
+from ..controllers.weights import FiledNetworks
 from ..errors import InputError
+from ..fading_network import FadingNetwork
+from ..gated_network import GatedNetwork
 from ..networks import ActorCritic, SwarmNetworks, SymmetricNetworks, with_policy_scale
-from ..recurrent_network import Networks, RecurrentNetwork
+from .rollout import Networks
 from .settings import NetworkForm, TrainingSettings
 
 ALIGNMENT = 16
@@ -37,8 +42,10 @@ class FlatNetworks:
 
 def new_networks(settings: TrainingSettings, generator: torch.Generator | None = None) -> Networks:
     """Networks in the form that these settings train: drawn anew, or to be filled where there is no ``generator``."""
-    if settings.form == "recurrent":
-        return RecurrentNetwork(generator, settings.policy_scale)
+    if settings.form == "gated":
+        return GatedNetwork(generator, settings.policy_scale)
+    if settings.form == "fading":
+        return FadingNetwork(generator)
     return _trained_form(SwarmNetworks(generator, settings.policy_scale), settings)
 
 
@@ -53,8 +60,10 @@ def continued_networks(settings: TrainingSettings, start: Networks) -> Networks:
         raise InputError(
             f"these initial weights are of the form {form_of(start)}, and {settings.form} is to be trained"
         )
-    if isinstance(start, RecurrentNetwork):
+    if isinstance(start, GatedNetwork):
         return start.with_policy_scale(settings.policy_scale)
+    if isinstance(start, FadingNetwork):
+        return start
     assert isinstance(start, SwarmNetworks)
     if settings.symmetric:
         x, *others = (start.by_name[name].state_dict() for name in ("x", "y", "z"))
@@ -65,18 +74,22 @@ def continued_networks(settings: TrainingSettings, start: Networks) -> Networks:
     return _trained_form(with_policy_scale(start, settings.policy_scale), settings)
 
 
-def deployed(networks: Networks) -> SwarmNetworks | RecurrentNetwork:
+def deployed(networks: Networks) -> FiledNetworks:
     """Networks as weights files hold them, which decide as the trained ones do, scales within their weights."""
-    if isinstance(networks, RecurrentNetwork):
+    if isinstance(networks, GatedNetwork):
         return networks.with_policy_scale(1.0)
+    if isinstance(networks, FadingNetwork):
+        return copy.deepcopy(networks)
     assert isinstance(networks, SwarmNetworks | SymmetricNetworks)
     four = networks.separate() if isinstance(networks, SymmetricNetworks) else networks
     return with_policy_scale(four, 1.0)
 
 
 def form_of(networks: Networks) -> NetworkForm:
-    """``recurrent``, or ``paper`` for the paper's four networks."""
-    return "recurrent" if isinstance(networks, RecurrentNetwork) else "paper"
+    """``paper`` for the paper's four networks, or the name of another form."""
+    if isinstance(networks, GatedNetwork):
+        return "gated"
+    return "fading" if isinstance(networks, FadingNetwork) else "paper"
 
 
 def _trained_form(networks: SwarmNetworks, settings: TrainingSettings) -> Networks:

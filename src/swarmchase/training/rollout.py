@@ -9,11 +9,15 @@ from dataclasses import dataclass
 import torch
 
 from ..array_types import Bool, Float, Int, Tensor
-from ..environment import Environment, State, counterfactual_reward_m
+from ..environment import Environment, State, counterfactual_reward_m, unfaded_dbm
+from ..fading_network import FadingNetwork
 from ..formation import action_from_choice, tracker_position_m
-from ..networks import NETWORK_NAMES, greedy_choice, sampled_choice
-from ..recurrent_network import Networks
+from ..gated_network import GatedNetwork
+from ..networks import NETWORK_NAMES, WindowNetworks, greedy_choice, sampled_choice
 from ..streams import ChaseStreams
+
+Networks = WindowNetworks | GatedNetwork | FadingNetwork
+"""What trainers drive, by ``begin`` and ``decide``."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Rollout:
     """R_{t+1} of d, x, y, z, float32."""
     counterfactual_reward_m: Float[Tensor, "step chase 3 5"]
     """R_{t+1} of x, y, z for each of the five choices, float32; only the simulator can know it."""
+    unfaded_dbm: Float[Tensor, "step chase tracker"]
+    """What the trackers would have heard in S_t if nothing had faded, float32; only the simulator can know it."""
     valid: Bool[Tensor, "step chase"]
     """False after a chase has ended."""
     reached: Bool[Tensor, "chase"]
@@ -57,7 +63,7 @@ def collect(
     ``spacing_exploration`` the spacing is not sampled: it is the most likely one, and any one in this share of the
     movements. Ends early when every chase has ended.
     """
-    windows, choices, all_logits, rewards, counterfactuals, valids = [state.rssi_dbm], [], [], [], [], []
+    windows, choices, all_logits, rewards, counterfactuals, unfaded, valids = [state.rssi_dbm], [], [], [], [], [], []
     positions, memory_before = [_tracker_position_m(state)], memory
     reached = torch.zeros(len(streams), dtype=torch.bool, device=state.center_m.device)
     truncated = reached.clone()
@@ -69,6 +75,7 @@ def collect(
             logits, memory = networks.decide(windows[-1], positions[-1], memory)
         choice = _explored_choice(logits, streams, spacing_exploration)
         counterfactuals.append(counterfactual_reward_m(environment.scenario, state).float())
+        unfaded.append(unfaded_dbm(environment.scenario, state).float())
         state, outcome = environment.step(state, action_from_choice(environment.scenario, choice))
         reached, truncated = reached | (outcome.reached & running), truncated | (outcome.truncated & running)
         windows.append(state.rssi_dbm)
@@ -85,6 +92,7 @@ def collect(
         logits=torch.stack(all_logits),
         reward_m=torch.stack(rewards),
         counterfactual_reward_m=torch.stack(counterfactuals),
+        unfaded_dbm=torch.stack(unfaded),
         valid=torch.stack(valids),
         reached=reached,
         truncated=truncated,

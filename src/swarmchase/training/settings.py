@@ -16,8 +16,9 @@ Schedule = Literal[A3CSchedule, "batched"]
 """A3C's, or the batched trainer."""
 
 
-NetworkForm = Literal["paper", "recurrent"]
-"""The paper's four networks, or one with memory (``recurrent_network``)."""
+NetworkForm = Literal["paper", "gated", "fading"]
+"""The paper's four networks, one with memory (``gated_network``), or one for a filter's likelihood
+(``fading_network``)."""
 
 MOST_UPDATES = 2**24
 """Adam counts its updates in float32, which is exact up to here."""
@@ -121,10 +122,13 @@ class TrainingSettings:
             )
         if self.losses.objective == "counterfactual" and self.update_interval < 2:
             raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
-
-        if self.form == "recurrent":
-            if self.losses.objective != "counterfactual":
-                raise InputError(f"objective = {self.losses.objective!r} is refused: recurrent has no critic")
+        if self.form == "gated" and self.losses.objective != "counterfactual":
+            raise InputError(f"objective = {self.losses.objective!r} is refused: the form gated has no critic")
+        if (self.form == "fading") != (self.losses.objective == "fading"):
+            raise InputError(
+                f"objective = {self.losses.objective!r} is refused: the objective fading is for the form fading alone"
+            )
+        if self.form != "paper":
             for name, value, needed in (
                 ("symmetric", self.symmetric, False),
                 ("mirrored", self.mirrored, False),
@@ -186,7 +190,20 @@ PRESETS: dict[str, TrainingSettings] = {
         checkpoint_interval=250,
     ),
     "recurrent": TrainingSettings(
-        form="recurrent",
+        form="fading",
+        num_agents=1,
+        chases_per_agent=256,
+        update_interval=16,
+        learning_rate=2e-3,
+        final_learning_rate=1e-6,
+        losses=LossSettings(objective="fading"),
+        max_updates=6_000,
+        action_choice="greedy",
+        evaluation_interval=1_000,
+        checkpoint_interval=1_000,
+    ),
+    "gated": TrainingSettings(
+        form="gated",
         num_agents=1,
         chases_per_agent=256,
         update_interval=16,
@@ -203,7 +220,15 @@ PRESETS: dict[str, TrainingSettings] = {
     ),
 }
 PRESETS["robust"] = dataclasses.replace(
-    PRESETS["recurrent"], num_agents=16, chases_per_agent=128, max_updates=24_000, varied_world=True
+    PRESETS["gated"],
+    num_agents=32,
+    chases_per_agent=64,
+    learning_rate=1e-3,
+    max_updates=36_000,
+    evaluation_interval=2_000,
+    evaluation_chases=100,
+    checkpoint_interval=2_000,
+    varied_world=True,
 )
 """``paper`` is Table I exactly. ``fast`` has its agents, networks, T and losses, and three changes: each agent plays
 eight chases at a time, the learning rate falls from twenty times the paper's to the paper's, and the discount is 0.5.

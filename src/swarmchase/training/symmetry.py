@@ -23,7 +23,12 @@ def mirrored(rollout: Rollout, axes: Bool[torch.Tensor, "chase 3"]) -> Rollout:
     logits[:, :, 1:] = _turned(logits[:, :, 1:], axes)
     counterfactual_reward_m = _turned(rollout.counterfactual_reward_m, axes)
     return replace(
-        rollout, rssi_dbm=rssi_dbm, choice=choice, logits=logits, counterfactual_reward_m=counterfactual_reward_m
+        rollout,
+        rssi_dbm=rssi_dbm,
+        choice=choice,
+        logits=logits,
+        counterfactual_reward_m=counterfactual_reward_m,
+        unfaded_dbm=rollout.unfaded_dbm.gather(2, tracker[None].expand(rollout.unfaded_dbm.shape)),
     )
 
 

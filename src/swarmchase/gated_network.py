@@ -22,15 +22,14 @@ from .networks import (
     NETWORK_NAMES,
     NUM_CHOICES,
     PAIR_DIFFERENCE_SCALE_DB,
-    WindowNetworks,
+    PAPER_WINDOW_SAMPLES,
 )
 from .scenario import NUM_TRACKERS, Scenario
 
-WINDOW_SAMPLES = 50
 SHAPE_FEATURES = 16
 SHAPE_HIDDEN_FEATURES = 64
 SHAPE_SCALE_DB = 5.0
-RECURRENT_FEATURES = 192
+GATED_FEATURES = 192
 HEAD_FEATURES = 128
 POSITION_SCALE_M = 50.0
 STEP_SCALE_M = 4.0
@@ -44,13 +43,13 @@ TOLD_FEATURES = 2
 CENTER_FEATURES = 3
 
 
-class RecurrentNetwork(nn.Module):
+class GatedNetwork(nn.Module):
     """One network for spacing, x, y and z.
 
     Its memory of a chase is one vector: the recurrent state, the last centre and what it was told of the scenario.
     """
 
-    memory_features = RECURRENT_FEATURES + CENTER_FEATURES + TOLD_FEATURES
+    memory_features = GATED_FEATURES + CENTER_FEATURES + TOLD_FEATURES
     smallest_batch = 16
     """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are to be padded."""
     share_position = 3 + 3 + 1 + NUM_TRACKERS + NUM_TRACKERS * SHAPE_FEATURES
@@ -68,21 +67,21 @@ class RecurrentNetwork(nn.Module):
             if generator is not None:
                 torch.manual_seed(int(torch.randint(2**31, (), generator=generator)))
             self.shape = nn.Sequential(
-                nn.Linear(WINDOW_SAMPLES, SHAPE_HIDDEN_FEATURES),
+                nn.Linear(PAPER_WINDOW_SAMPLES, SHAPE_HIDDEN_FEATURES),
                 nn.ReLU(),
                 nn.Linear(SHAPE_HIDDEN_FEATURES, SHAPE_FEATURES),
             )
-            self.input = nn.Sequential(nn.Linear(num_features, RECURRENT_FEATURES), nn.ReLU())
-            self.recurrent = nn.GRU(RECURRENT_FEATURES, RECURRENT_FEATURES)
+            self.input = nn.Sequential(nn.Linear(num_features, GATED_FEATURES), nn.ReLU())
+            self.recurrent = nn.GRU(GATED_FEATURES, GATED_FEATURES)
             self.head = nn.Sequential(
-                nn.Linear(RECURRENT_FEATURES, HEAD_FEATURES),
+                nn.Linear(GATED_FEATURES, HEAD_FEATURES),
                 nn.ReLU(),
                 nn.Linear(HEAD_FEATURES, len(NETWORK_NAMES) * NUM_CHOICES),
             )
 
-    def with_policy_scale(self, policy_scale: float) -> "RecurrentNetwork":
+    def with_policy_scale(self, policy_scale: float) -> "GatedNetwork":
         """A network with the same policies and another ``policy_scale``; the head's weights make up for it."""
-        scaled = RecurrentNetwork(policy_scale=policy_scale)
+        scaled = GatedNetwork(policy_scale=policy_scale)
         scaled.load_state_dict(self.state_dict())
         last = scaled.head[2]
         assert isinstance(last, nn.Linear)
@@ -123,7 +122,7 @@ class RecurrentNetwork(nn.Module):
         tracker_position_m: Float[Tensor, "step chase 6 3"],
         memory: Float[Tensor, "chase memory"],
     ) -> tuple[Float[Tensor, "step chase 4 5"], Float[Tensor, "chase memory"]]:
-        parts = [RECURRENT_FEATURES, CENTER_FEATURES, TOLD_FEATURES]
+        parts = [GATED_FEATURES, CENTER_FEATURES, TOLD_FEATURES]
         state, last_center_m, told = torch.split(memory, parts, dim=1)
         center_m = tracker_position_m.mean(dim=2)
         before_m = torch.cat([last_center_m[None], center_m[:-1]])
@@ -166,7 +165,3 @@ class RecurrentNetwork(nn.Module):
             share,
         ]
         return torch.cat(parts, dim=2)
-
-
-Networks = WindowNetworks | RecurrentNetwork
-"""What controllers and trainers drive, by ``begin``, ``decide`` and ``decide_in_sequence``."""

@@ -16,9 +16,9 @@ from swarmchase.controllers.weights import load_weights, save_weights
 from swarmchase.environment import Environment
 from swarmchase.errors import InputError
 from swarmchase.formation import tracker_position_m
-from swarmchase.networks import SwarmNetworks
+from swarmchase.gated_network import GatedNetwork
+from swarmchase.networks import PAPER_WINDOW_SAMPLES, SwarmNetworks
 from swarmchase.observation import Observation
-from swarmchase.recurrent_network import WINDOW_SAMPLES, RecurrentNetwork
 from swarmchase.robustness import drawn_world
 from swarmchase.scenario import paper_scenario
 from swarmchase.streams import ChaseStreams, chase_keys
@@ -45,13 +45,13 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def network():
-    return RecurrentNetwork(torch.Generator().manual_seed(3))
+    return GatedNetwork(torch.Generator().manual_seed(3))
 
 
 def heard(num_steps, num_chases, seed=1):
     """Windows of chases that nobody steers, and where they were heard."""
     generator = torch.Generator().manual_seed(seed)
-    rssi_dbm = -60 + 4 * torch.randn(num_steps, num_chases, WINDOW_SAMPLES, 6, generator=generator)
+    rssi_dbm = -60 + 4 * torch.randn(num_steps, num_chases, PAPER_WINDOW_SAMPLES, 6, generator=generator)
     centers_m = 4 * torch.randn(num_steps, num_chases, 3, generator=generator).cumsum(dim=0)
     spacing_m = torch.full((num_steps * num_chases,), 5.0)
     positions_m = tracker_position_m(centers_m.flatten(0, 1).double(), spacing_m.double()).float()
@@ -98,7 +98,7 @@ def test_missing_samples_take_their_tracker_s_mean_power(network):
     rssi_dbm, positions_m = heard(1, 2)
     rssi_dbm[0, :, :, 2] = -60.0  # a tracker that hears a constant says the same with gaps
     whole, _ = network.decide(rssi_dbm[0], positions_m[0], network.begin(WORLD, 2))
-    share = RecurrentNetwork.share_position
+    share = GatedNetwork.share_position
     holed = rssi_dbm.clone()
     holed[0, 1, 10:30, 2] = torch.nan
     features, gaps = network._heard(rssi_dbm), network._heard(holed)
@@ -119,7 +119,7 @@ def test_silence_is_no_level(network, value):
     logits, memory = network.decide(rssi_dbm[0], positions_m[0], network.begin(WORLD, 3))
     assert logits.isfinite().all()
     assert memory.isfinite().all()
-    assert network._heard(rssi_dbm)[..., RecurrentNetwork.share_position + 4].tolist() == [[0, 0, 0]]
+    assert network._heard(rssi_dbm)[..., GatedNetwork.share_position + 4].tolist() == [[0, 0, 0]]
 
 
 @pytest.mark.parametrize("scale", [1.0, 20.0])
@@ -181,7 +181,7 @@ def test_a_weights_file_says_which_network_it_holds(tmp_path, network):
     path = tmp_path / "it.safetensors"
     save_weights(path, network, {"action_choice": "greedy"}, torch.float16)
     found, _ = load_weights(path)
-    assert isinstance(found, RecurrentNetwork)
+    assert isinstance(found, GatedNetwork)
     for name, tensor in network.state_dict().items():
         assert torch.equal(found.state_dict()[name], tensor.half().float()), name
     with pytest.raises(InputError, match="needs windows of 50 samples; the scenario has 40"):
@@ -208,7 +208,7 @@ def test_a_rollout_begins_where_the_last_one_ended(network):
     torch.testing.assert_close(again, second.logits)
 
 
-@pytest.mark.parametrize("name", ["recurrent", "robust"])
+@pytest.mark.parametrize("name", ["gated", "robust"])
 def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path, name):
     settings = dataclasses.replace(PRESETS[name], **SMALL)
 
@@ -242,7 +242,7 @@ def test_robust_agents_play_in_worlds_they_are_not_told_of():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"losses": LossSettings()}, "objective = 'actor_critic' is refused: recurrent has no critic"),
+        ({"losses": LossSettings()}, "objective = 'actor_critic' is refused: the form gated has no critic"),
         ({"symmetric": True}, "symmetric = True is refused"),
         ({"mirrored": True}, "mirrored = True is refused"),
         ({"precision": "bfloat16"}, "precision = 'bfloat16' is refused"),
@@ -251,11 +251,11 @@ def test_robust_agents_play_in_worlds_they_are_not_told_of():
 def test_what_it_cannot_do_is_refused(changes, message):
     changes = {"spacing_exploration": None, **changes} if "losses" in changes else changes
     with pytest.raises(InputError, match=message):
-        dataclasses.replace(PRESETS["recurrent"], **changes)
+        dataclasses.replace(PRESETS["gated"], **changes)
 
 
 def test_training_goes_on_from_a_weights_file_of_its_own_form_alone(network):
-    settings = PRESETS["recurrent"]
+    settings = PRESETS["gated"]
     rssi_dbm, positions_m = heard(2, 3)
     begun = network.begin(WORLD, 3)
     continued = continued_networks(settings, network)
@@ -264,7 +264,7 @@ def test_training_goes_on_from_a_weights_file_of_its_own_form_alone(network):
         torch.testing.assert_close(continued.decide_in_sequence(rssi_dbm, positions_m, begun), logits)
         torch.testing.assert_close(deployed(continued).decide_in_sequence(rssi_dbm, positions_m, begun), logits)
     assert (continued.policy_scale, deployed(continued).policy_scale) == (20, 1)
-    with pytest.raises(InputError, match="these initial weights are of the form paper, and recurrent is to be trained"):
+    with pytest.raises(InputError, match="these initial weights are of the form paper, and gated is to be trained"):
         continued_networks(settings, SwarmNetworks(torch.Generator().manual_seed(1)))
 
 
@@ -272,13 +272,13 @@ def test_it_learns(tmp_path, capsys):
     """From 12 m away, ten seconds of training: new networks reach next to nothing, trained ones nearly all."""
     world = paper_scenario(start_distance_m=12.0, max_movements=30)
     world.save_toml(tmp_path / "world.toml")
-    words = ["train", "batched", "--preset", "recurrent", "--scenario-file", str(tmp_path / "world.toml")]
+    words = ["train", "batched", "--preset", "gated", "--scenario-file", str(tmp_path / "world.toml")]
     words += ["--folder", str(tmp_path / "run"), "--updates", "150", "--chases-per-agent", "64", "--threads", "1"]
     main([*words, "--evaluation-interval", "1", "--evaluation-chases", "50", "--evaluation-interval", "75"])
     first, *_, last = read_log(tmp_path / "run", "evaluation")
     assert last["success_rate"] >= 0.98
     assert last["movements_mean"] < 7
     _, configuration = load_weights(tmp_path / "run" / "best.safetensors")
-    assert configuration["settings"]["form"] == "recurrent"
+    assert configuration["settings"]["form"] == "gated"
     assert first["update"] == 75
     capsys.readouterr()
