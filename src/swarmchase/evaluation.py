@@ -25,6 +25,7 @@ from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, ru
 from .controllers import ActionChoice, chosen_weights, load_controller
 from .errors import InputError, WorkerDiedError
 from .files import atomic_path
+from .memory import keep_freed_memory
 from .scenario import Scenario
 
 SPEEDS_MPS = (2.0, 5.0)
@@ -250,6 +251,7 @@ def _received(running: "dict[connection.Connection, multiprocessing.process.Base
 def _run_share(work: _Work, chases: range, sender: connection.Connection) -> None:
     """The whole life of a process: send every result, or why its input was refused."""
     torch.set_num_threads(1)
+    keep_freed_memory()
     with sender:
         try:
             for result in work.run(chases):

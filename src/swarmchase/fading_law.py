@@ -65,8 +65,12 @@ class FadingLaw:
         """The logarithm of the density of these fadings, up to a constant; only trackers that ``heard`` count."""
         level = ((fading_db - LOWEST_DB) / TABLE_STEP_DB).round_().clamp_(0, len(self.normal) - 1).to(torch.int32)
         counts = heard[:, :, None]
-        normal = torch.where(counts, self.normal[level], 0.0)
-        log_slope = torch.where(counts, self.log_slope[level], 0.0).sum(dim=1)
+        # index_select is five times as fast as an index in brackets.
+        normal, log_slope = (
+            torch.where(counts, table.index_select(0, level.flatten()).view_as(fading_db), 0.0)
+            for table in (self.normal, self.log_slope)
+        )
+        log_slope = log_slope.sum(dim=1)
         # The correlation matrix (1 - c) I + c 1 1^T of as many trackers as have heard something has the variance 1 - c
         # apart from their mean and 1 + (k - 1) c along it. (With 1 1^T subtracted as a whole nothing but rounding would
         # be left where c is nearly 1.)

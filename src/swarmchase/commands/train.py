@@ -116,7 +116,7 @@ class TrainBatchedCommand(_TrainOptions):
     """Train the four networks in one process, on many chases at a time, for one setting or for several at once."""
 
     preset: str = "counterfactual"
-    """a2c, ppo, all-actions, counterfactual, recurrent or robust; the options below change it."""
+    """a2c, ppo, all-actions, counterfactual, recurrent, gated or robust; the options below change it."""
     sampling_hz: tuple[float, ...] = ()
     """F, RSSI samples a second (default 10); several train one set of networks for all of them."""
     spatial_correlation: tuple[float, ...] = ()

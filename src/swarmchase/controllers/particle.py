@@ -31,7 +31,7 @@ from ..scenario import Scenario
 from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
 
-NUM_PARTICLES = 2000
+NUM_PARTICLES = 1000
 FREE_SHARE = 0.25
 """Share of the particles that may be at any distance from the start."""
 FREE_SPREAD = 0.4
@@ -41,8 +41,8 @@ POWER_SPREAD_DB = 6.0
 RESAMPLING_SHARE = 0.5
 """Particles are resampled when fewer than this share of them are effective."""
 KERNEL_WIDTH = 0.25
-"""Standard deviation of the kernel in those of the belief; the rule for three dimensions and 2000 particles says
-0.33."""
+"""Standard deviation of the kernel in those of the belief; the rule for three dimensions and 1000 particles says
+0.36."""
 LEAST_KERNEL_M = 0.1
 SURPRISES = 3
 """So many improbable windows in a row mean that the target is not among the particles."""
