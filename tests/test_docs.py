@@ -14,6 +14,9 @@ import pytest
 
 import swarmchase
 from swarmchase import networks
+from swarmchase.blocks import weights_sha256
+from swarmchase.comparison import read_results, summaries
+from swarmchase.comparison_report import comparison_tables
 from swarmchase.reproduction import read_evaluations
 from swarmchase.results_report import report_tables
 from swarmchase.scenario import Scenario
@@ -178,3 +181,43 @@ def test_the_results_were_made_by_the_command_they_name() -> None:
     text = (DOCS / "results.md").read_text(encoding="utf-8")
     assert origin["command"] in text
     assert f"version {origin['version']}" in text
+
+
+COMPARISONS = {
+    # Table: (episodes, what of it the page shows).
+    "comparison": (1_000, ("90th percentile of movements", "mean movements", "reached")),
+    "comparison-10000": (
+        10_000,
+        (
+            "90th percentile of movements",
+            "mean movements",
+            "difference of the 90th percentile from recurrent",
+            "difference of the mean from recurrent",
+        ),
+    ),
+    "robustness": (500, ("mean movements", "reached", "difference of the mean from robust")),
+}
+
+
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_the_comparisons_of_the_results_are_those_of_their_tables(name: str) -> None:
+    text = (DOCS / "results.md").read_text(encoding="utf-8")
+    path = DOCS / "results" / f"{name}.parquet"
+    results = read_results(path)
+    episodes, shown_tables = COMPARISONS[name]
+    assert {len(result.evaluation.chases) for result in results} == {episodes}
+    tables = comparison_tables(summaries(results))
+    for table in shown_tables:
+        assert tables[table] in text, table
+    version = json.loads(pq.read_schema(path).metadata[b"swarmchase"])["version"]
+    assert f"{name}.parquet) (version {version}" in text
+    controllers = " ".join(dict.fromkeys(result.evaluation.controller for result in results))
+    assert f"swarmchase compare --controllers {controllers} " in re.sub(r"\\\n +", "", text)
+
+
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_the_comparisons_are_of_the_shipped_controllers(name: str) -> None:
+    origins = json.loads(pq.read_schema(DOCS / "results" / f"{name}.parquet").metadata[b"swarmchase"])["results"]
+    for origin in origins:
+        told = Scenario.from_dict(origin["told"])
+        assert origin["weights_sha256"] == weights_sha256(origin["controller"], told), origin["controller"]

@@ -30,6 +30,7 @@ ROOMS = [
     {"networks"},
     {"gated_network", "fading_network"},
     {"controllers"},
+    {"live"},
     {"chases"},
     {"training"},
     {"evaluation"},
@@ -56,6 +57,7 @@ FORBIDDEN = [
     ("networks", {"environment", "target", "channel", "formation"}),
     ("paper_figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "reproduction"}),
     ("figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "chase_log"}),
+    ("live", {"environment", "target", "channel", "receivers", "fading_law"}),
     ("gym", {"networks", "controllers", "training", "evaluation"}),
 ]
 EXCEPTIONS = {("controllers.oracle", "target")}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .scenario import Scenario as Scenario
     from .scenario import paper_scenario as paper_scenario
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOME = {
     "Action": "formation",
