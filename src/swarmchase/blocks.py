@@ -52,7 +52,8 @@ def evaluate_jobs(
     for job in jobs:
         if job.episodes < 1:
             raise InputError(f"episodes = {job.episodes} is refused: allowed is at least 1")
-        load_controller(job.controller, job.told)
+    for controller, told in dict.fromkeys((job.controller, job.told) for job in jobs):
+        load_controller(controller, told)
     if seed < 0:
         raise InputError(f"seed = {seed} is refused: allowed is at least 0")
     require_writable_folder(folder)
