@@ -199,7 +199,7 @@ EVALUATE = "evaluate --controller random --episodes 2"
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("evaluate --controller nobody", "no controller 'nobody'; there are random, oracle"),
+        ("evaluate --controller nobody", "no controller 'nobody'; there are particle, particle-unknown-power"),
         ("chase --controller nobody", "no controller 'nobody'"),
         ("train a3c --folder run --preset quick", "no preset 'quick'; there are paper"),
         ("train a3c --folder run --agents 0", "num_agents = 0 is refused: allowed is at least 1"),
@@ -232,7 +232,7 @@ EVALUATE = "evaluate --controller random --episodes 2"
         # tyro's own
         ("", "Expected one of {chase, evaluate"),
         ("fly", "no command 'fly'; there are chase, evaluate"),
-        ("train", "no command 'train'; there are chase, evaluate, reproduce, train a3c"),
+        ("train", "no command 'train'; there are chase, evaluate, compare, reproduce, train a3c"),
         ("evaluate --episode 5 --colour", "Unrecognized options"),
         ("evaluate --episodes many", "Error parsing --episodes: invalid literal for int() with base 10: 'many'"),
         ("evaluate --sampling-hz fast", "Error parsing --sampling-hz"),

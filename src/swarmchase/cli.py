@@ -1,4 +1,5 @@
-"""The command line: ``swarmchase chase | evaluate | compare | reproduce | train a3c | train batched | benchmark ...``.
+"""The command line: ``swarmchase chase | evaluate | compare | reproduce | train a3c | train batched | benchmark ... |
+keys | serve | tracker``.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
 ``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
@@ -23,8 +24,11 @@ from .commands.benchmark import (
 from .commands.chase import ChaseCommand
 from .commands.compare import CompareCommand
 from .commands.evaluate import EvaluateCommand
+from .commands.keys import KeysCommand
 from .commands.reproduce import ReproduceCommand
+from .commands.serve import ServeCommand
 from .commands.terminal import CONSOLE
+from .commands.tracker import TrackerCommand
 from .commands.train import TrainA3CCommand, TrainBatchedCommand
 from .errors import InputError, WorkerDiedError
 
@@ -52,14 +56,21 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,
     "benchmark batched": BenchmarkBatchedCommand,
+    "keys": KeysCommand,
+    "serve": ServeCommand,
+    "tracker": TrackerCommand,
 }
+
+WITHOUT_TORCH = (KeysCommand, TrackerCommand)
+"""A tracker's computer is small."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and exit: 0 when it went well, 2 on bad input, 130 on Ctrl-C, 1 on any other failure."""
     try:
         command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
-        _use_one_thread()
+        if not isinstance(command, WITHOUT_TORCH):
+            _use_one_thread()
         command.run()
     except InputError as error:
         line = " ".join(str(error).splitlines())

@@ -2,7 +2,10 @@
 
 import contextlib
 import json
+import os
+import queue
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,6 +14,8 @@ from rich.console import Console
 from ..errors import InputError
 from ..scenario import Scenario
 
+STANDARD_ERROR = 2
+LAST_LINES_S = 1.0
 CONSOLE = Console(stderr=True, highlight=False)
 
 
@@ -25,6 +30,35 @@ def print_json(document: Any) -> None:
         sys.stdout.flush()
     except OSError as error:
         raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
+
+
+@contextlib.contextmanager
+def line_printer() -> Iterator[Callable[[str], None]]:
+    """Gives a function that prints a line on standard error and never waits: a terminal that is stopped (Ctrl-S) or
+    gone must not stop what flies. Lines that it does not take are lost; the block's end waits a moment for the rest.
+    """
+    lines: queue.Queue[str | None] = queue.Queue(maxsize=1000)
+
+    def print_all() -> None:
+        while (line := lines.get()) is not None:
+            rest = f"{line}\n".encode(errors="replace")
+            # Not through sys.stderr: its lock, held while this thread waits, would keep the process from ending.
+            with contextlib.suppress(OSError):
+                while rest:
+                    rest = rest[os.write(STANDARD_ERROR, rest) :]
+
+    def tell(line: str) -> None:
+        with contextlib.suppress(queue.Full):
+            lines.put_nowait(line)
+
+    thread = threading.Thread(target=print_all, name="line printer", daemon=True)
+    thread.start()
+    try:
+        yield tell
+    finally:
+        with contextlib.suppress(queue.Full):
+            lines.put_nowait(None)
+        thread.join(LAST_LINES_S)
 
 
 def explain_choice(controller: str, scenario: Scenario) -> None:

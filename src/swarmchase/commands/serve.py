@@ -1,0 +1,143 @@
+"""``swarmchase serve``: the controller service, for trackers that dial in."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..scenario import NUM_TRACKERS
+from .options import LinkOptions, ScenarioOptions, fields_from
+from .terminal import explain_choice, line_printer, print_json
+
+if TYPE_CHECKING:
+    from ..controllers import Controller
+    from ..live.mavlink_link import ControllerMavlinkLink
+    from ..live.safety import SafetyLimits
+    from ..live.serve_loop import ServeSummary, Tell
+    from ..live.service import ServiceSettings
+    from ..live.stop_request import StopRequest
+    from ..scenario import Scenario
+
+STANDARD_INPUT = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeCommand(ScenarioOptions, LinkOptions):
+    """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
+    reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
+
+    controller: str = "recurrent"
+    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
+    or the path of a weights file; docs/controllers.md says which to choose."""
+    listen: str = "127.0.0.1:14550"
+    """HOST:PORT that trackers dial, UDP."""
+    start: bool = False
+    """Begin as soon as trackers are there; otherwise the word start begins."""
+    stay: bool = False
+    """When the target is reached or the movements are spent, go on holding the trackers there until abort or quit.
+    Without it the service ends, and they do what they do without a controller."""
+    seed: int = 0
+    """Of the controller's own random choices."""
+    minimum_trackers: int = 4
+    """With fewer that are heard and can be commanded, the service holds."""
+    reached_windows: int = 2
+    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
+    fence_west_m: float = -200.0
+    """Lowest x of any tracker; x is east, y north, z up, from the origin that all trackers share."""
+    fence_east_m: float = 200.0
+    """Highest x."""
+    fence_south_m: float = -200.0
+    """Lowest y."""
+    fence_north_m: float = 200.0
+    """Highest y."""
+    lowest_altitude_m: float = -150.0
+    """Lowest z: set it to what lies above the ground."""
+    highest_altitude_m: float = 150.0
+    """Highest z."""
+    highest_speed_mps: float = 5.0
+    """Of any tracker's set-points."""
+    minimum_separation_m: float = 1.0
+    """Of any two trackers."""
+    json: bool = False
+    """Print how the chase ended as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Serve, and say how it ended."""
+        from ..live.address import host_and_port
+        from ..live.mavlink_link import ControllerMavlinkLink
+        from ..live.state_folder import next_epoch
+        from ..live.stop_request import stop_request
+
+        host, port = host_and_port(self.listen)
+        scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
+        controller = self._ready_controller(scenario)
+        folder = self.folder()
+        with line_printer() as tell, stop_request() as request:
+            # The state file keeps a second service of this folder out; so nobody else takes the same epoch.
+            state_path = folder / "controller.timestamps"
+            link = ControllerMavlinkLink(host, port, keys, state_path=state_path, unsigned=self.unsigned)
+            try:
+                epoch = next_epoch(folder / "controller.epoch")
+                summary = self._serve(scenario, controller, link, limits, settings, epoch, request, tell)
+            finally:
+                link.close()
+            tell(f"Ended {summary.state} after {summary.movements} movements: {summary.reason}.")
+        if self.json:
+            print_json(dataclasses.asdict(summary))
+
+    def _serve(
+        self,
+        scenario: "Scenario",
+        controller: "Controller",
+        link: "ControllerMavlinkLink",
+        limits: "SafetyLimits",
+        settings: "ServiceSettings",
+        epoch: int,
+        request: "StopRequest",
+        tell: "Tell",
+    ) -> "ServeSummary":
+        from ..live.clock import MonotonicClock
+        from ..live.operator_words import OperatorWords
+        from ..live.serve_loop import Journal, ServeLoop
+        from ..live.service import ControllerService
+
+        journal = Journal(tell)
+        service = ControllerService(
+            scenario, controller, link, MonotonicClock(), limits, journal, epoch, self.seed, settings=settings
+        )
+        tell("Listening on {}:{}, ".format(*link.address) + f"controller {controller.name}, epoch {epoch}.")
+        if self.start:
+            service.start()
+        else:
+            tell("Waiting for the word start.")
+        return ServeLoop(service, link, journal, OperatorWords(STANDARD_INPUT), request, tell, self.stay).run()
+
+    def _ready_controller(self, scenario: "Scenario") -> "Controller":
+        """Loaded, and asked once: the first time takes longest."""
+        import torch
+
+        from ..controllers import load_controller
+        from ..formation import tracker_position_m
+        from ..observation import Observation
+
+        if self.controller == "oracle":
+            raise InputError("the oracle knows where a simulated target is; real ones do not tell")
+        explain_choice(self.controller, scenario)
+        controller = load_controller(self.controller, scenario)
+        place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
+        rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)
+        observation = Observation(rssi_dbm, place_m[:, None].expand(-1, scenario.window_samples, -1, -1))
+        controller.decide(observation, controller.begin(1, self.seed))
+        return controller
+
+    def limits(self) -> "SafetyLimits":
+        """The safety limits that the options say."""
+        from ..live.safety import SafetyLimits
+
+        return SafetyLimits(**fields_from(self, SafetyLimits))
+
+    def settings(self) -> "ServiceSettings":
+        """The service's settings that the options say."""
+        from ..live.service import ServiceSettings
+
+        return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)

@@ -1,0 +1,114 @@
+"""``swarmchase tracker``: the agent beside one tracker's receiver. It needs neither torch nor numpy."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from .options import LinkOptions, fields_from
+from .terminal import line_printer, print_json
+
+if TYPE_CHECKING:
+    from ..live.agent import AgentSettings
+    from ..live.mavlink_link import TrackerMavlinkLink
+    from ..live.stop_request import StopRequest
+    from ..live.tracker_loop import TrackerSummary
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerCommand(LinkOptions):
+    """Report what one tracker's receiver hears and where its vehicle is, and fly where the controller says, until
+    Ctrl-C or SIGTERM: then the vehicle is told to hold."""
+
+    number: int
+    """0 to 5: at +x, -x, +y, -y, +z, -z of the swarm's centre (x east, y north, z up)."""
+    source: str
+    """Where RSSI samples come from: replay:FILE (.csv, .json, .pcap), jsonl:- (standard input), serial:PATH, udp:PORT,
+    kismet:URL, pcap:FILE (growing, or a pipe), simulated:LEVEL_DBM; docs/live.md describes them."""
+    vehicle: str
+    """simulated, mavlink:PORT (UDP) or mavlink-serial:PATH."""
+    controller: str = "127.0.0.1:14550"
+    """HOST:PORT of swarmchase serve."""
+    sampling_hz: float = 10.0
+    """F, RSSI samples a second: the same as the controller's."""
+    calibration_offset_db: float = 0.0
+    """Added to every level: what this receiver reports too little."""
+    rssi_column: str = "rssi_dbm"
+    """Levels in a replayed .csv or .json."""
+    time_column: str = "time_s"
+    """Seconds in a replayed .csv or .json."""
+    transmitter_mac: str | None = None
+    """The device that is chased: needed by kismet, used by captures."""
+    kismet_token_file: Path | None = None
+    """Holds the API key of the Kismet server."""
+    serial_baud: int = 115_200
+    """Of a serial source."""
+    position_m: tuple[float, float, float] | None = None
+    """X Y Z where a simulated vehicle starts."""
+    autopilot_origin_m: tuple[float, float, float] | None = None
+    """X Y Z of the place where the autopilot's local frame begins (LOCAL_POSITION_NED set-points)."""
+    global_origin: tuple[float, float, float] | None = None
+    """Latitude and longitude in degrees, altitude in m above sea level where x, y, z are 0 (global set-points)."""
+    autopilot_system: int = 1
+    """MAVLink system id of the autopilot."""
+    autopilot_baud: int = 57_600
+    """Of mavlink-serial."""
+    window_hz: float = 5.0
+    """RSSI messages a second; each holds up to 50 samples."""
+    position_hz: float = 5.0
+    """Position messages a second."""
+    heartbeat_hz: float = 1.0
+    """Heartbeats a second."""
+    hold_after_s: float = 1.0
+    """After the sending of the controller's last set-point the vehicle holds."""
+    return_after_s: float = 60.0
+    """After it the vehicle returns to where it first followed; 0: it never does."""
+    json: bool = False
+    """Print what the tracker did as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Be the tracker, and say what it did."""
+        from ..live.address import host_and_port
+        from ..live.agent import AgentSettings
+        from ..live.mavlink_link import TrackerMavlinkLink
+        from ..live.stop_request import stop_request
+
+        host, port = host_and_port(self.controller)
+        settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()
+        state_path = self.folder() / f"tracker-{self.number}.timestamps"
+        with line_printer() as tell, stop_request() as request:
+            link = TrackerMavlinkLink(self.number, host, port, key, state_path=state_path, unsigned=self.unsigned)
+            try:
+                summary = self._fly(link, settings, request, tell)
+            finally:
+                link.close()
+        if self.json:
+            print_json(dataclasses.asdict(summary))
+
+    def _fly(
+        self, link: "TrackerMavlinkLink", settings: "AgentSettings", request: "StopRequest", tell: Callable[[str], None]
+    ) -> "TrackerSummary":
+        from ..live.agent import TrackerAgent
+        from ..live.clock import MonotonicClock
+        from ..live.source_address import SourceDetails, open_source
+        from ..live.sources import CalibratedSource
+        from ..live.tracker_loop import run_tracker
+        from ..live.vehicle_address import VehicleDetails, open_vehicle
+
+        vehicle = open_vehicle(self.vehicle, VehicleDetails(**fields_from(self, VehicleDetails)))
+        source = open_source(self.source, self.sampling_hz, SourceDetails(**fields_from(self, SourceDetails)))
+        calibrated = CalibratedSource(source, self.calibration_offset_db)
+        agent = TrackerAgent(self.number, calibrated, vehicle, link, MonotonicClock(), self.sampling_hz, settings)
+        tell(f"Tracker {self.number} dials {self.controller}.")
+        return run_tracker(self.number, agent, source, vehicle, link, request, tell)
+
+    def _key(self) -> bytes | None:
+        """This tracker's own; others in the file are left alone."""
+        keys = self.read_keys()
+        if keys is None:
+            return None
+        if self.number not in keys:
+            raise InputError(f"key file {self.keys} holds no key of tracker {self.number}")
+        return keys[self.number]

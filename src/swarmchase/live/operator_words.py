@@ -1,0 +1,40 @@
+"""What the operator types, a word a line."""
+
+import os
+import select
+
+LONGEST_LINE_BYTES = 1000
+READ_BYTES = 4096
+
+
+class OperatorWords:
+    """Lines of a file descriptor; its end means no more words.
+
+    It is read only where something waits, so that its blocking mode, which others may share, stays as it is.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._ended = False
+        self._rest = b""
+
+    def read(self) -> list[str]:
+        """The words that have come since the last call. Never blocks."""
+        *lines, self._rest = (self._rest + self._bytes()).split(b"\n")
+        if len(self._rest) > LONGEST_LINE_BYTES:
+            self._rest = b""
+        words = [line.decode(errors="replace").strip() for line in lines]
+        return [word for word in words if word]
+
+    def _bytes(self) -> bytes:
+        try:
+            if self._ended or not select.select([self._descriptor], [], [], 0)[0]:
+                return b""
+            found = os.read(self._descriptor, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError):  # closed before this process began, or a terminal that has gone
+            found = b""
+        # A last word without a line's end counts, too.
+        self._ended = not found
+        return found or b"\n"

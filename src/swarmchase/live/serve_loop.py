@@ -1,0 +1,164 @@
+"""The loop around the controller service: keeps its pace, passes on the operator's words, tells what happens, and ends
+when the chase has ended.
+"""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .chase_state import UNDER_WAY, ChaseState, Decision, Transition
+from .mavlink_link import ControllerMavlinkLink
+from .operator_words import OperatorWords
+from .service import ABORT_S, ControllerService
+from .stop_request import StopRequest
+from .ticker import Ticker
+
+STEPS_HZ = 20.0
+TOLD_S = ABORT_S + 0.2
+"""So long after the chase's end trackers have heard of it; the service speaks for ABORT_S."""
+MOST_LATENCIES = 10_000
+"""No more than the newest of this many are kept."""
+WORDS = ("start", "hold", "resume", "reached", "abort", "quit")
+
+Tell = Callable[[str], None]
+"""One line for people."""
+
+
+class Journal:
+    """The service's recorder: tells every transition and notes that a decision was made."""
+
+    def __init__(self, tell: Tell) -> None:
+        self.has_decided = False
+        self._tell = tell
+        self._began_ns = time.monotonic_ns()
+
+    def __call__(self, entry: Transition | Decision) -> None:
+        """Take in what the service records."""
+        if isinstance(entry, Decision):
+            self.has_decided = True
+        else:
+            seconds = (entry.time_ns - self._began_ns) / 1e9
+            self._tell(f"{seconds:7.1f} s  {entry.before.value} -> {entry.after.value}: {entry.reason}")
+
+
+@dataclass(frozen=True)
+class ServeSummary:
+    """How a chase ended."""
+
+    state: str
+    reason: str
+    """Of the last transition."""
+    movements: int
+    seconds: float
+    """Since the loop began."""
+    rejected: dict[str, int]
+    """Datagrams that the link dropped, by reason."""
+    decision_latency_p99_ms: float | None
+    """See ``ServeLoop.step``; None without a decision."""
+
+
+class ServeLoop:
+    """Runs ``service`` until its chase has ended.
+
+    Args:
+        journal: the service's recorder.
+        stay: after REACHED or LOST go on holding the trackers there until the operator aborts or quits.
+    """
+
+    def __init__(
+        self,
+        service: ControllerService,
+        link: ControllerMavlinkLink,
+        journal: Journal,
+        words: OperatorWords,
+        request: StopRequest,
+        tell: Tell,
+        stay: bool = False,
+    ) -> None:
+        self._service, self._link, self._journal, self._words = service, link, journal, words
+        self._request, self._tell, self._stay = request, tell, stay
+        self._quits = False
+        self._ended_s: float | None = None
+        self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
+        self._told_rejections: set[str] = set()
+        self._told_state_errors = False
+
+    def run(self) -> ServeSummary:
+        """Until the end of the chase, and so long after it that trackers have heard of it."""
+        began_s = time.monotonic()
+        ticker = Ticker(STEPS_HZ)
+        while not self._has_ended():
+            for word in self._words.read():
+                self._obey(word)
+            if self._request.made and not self._quits:
+                self._obey("quit")
+            self.step()
+            self._tell_troubles()
+            ticker.wait()
+        snapshot = self._service.snapshot()
+        return ServeSummary(
+            state=snapshot.state.value,
+            reason=snapshot.reason,
+            movements=snapshot.movements,
+            seconds=round(time.monotonic() - began_s, 3),
+            rejected={str(reason): count for reason, count in sorted(self._link.rejected.items())},
+            decision_latency_p99_ms=percentile_99_ms(self._latency_s),
+        )
+
+    def step(self) -> None:
+        """One step of the service. Where it decides, it is timed: from before the newest samples are taken from the
+        socket until the set-points are sent. What samples wait for the step to begin, up to 1 / STEPS_HZ, is not in it.
+        """
+        self._journal.has_decided = False
+        began_s = time.perf_counter()
+        self._service.step()
+        if self._journal.has_decided:
+            self._latency_s.append(time.perf_counter() - began_s)
+
+    def _obey(self, word: str) -> None:
+        service = self._service
+        if word == "start":
+            service.start()
+        elif word == "hold":
+            service.hold()
+        elif word == "resume":
+            service.resume()
+        elif word == "reached":
+            service.declare_reached()
+        elif word == "abort":
+            service.abort()
+        elif word == "quit":
+            self._quits = True
+            if service.state in UNDER_WAY or service.state is ChaseState.IDLE:
+                service.abort()
+        else:
+            self._tell(f"no word {word!r}; there are {', '.join(WORDS)}")
+
+    def _has_ended(self) -> bool:
+        state = self._service.state
+        if state in UNDER_WAY or state is ChaseState.IDLE:
+            return False
+        if self._stay and not self._quits and state is not ChaseState.ABORTED:
+            self._ended_s = None
+            return False
+        now_s = time.monotonic()
+        self._ended_s = now_s if self._ended_s is None else self._ended_s
+        return now_s - self._ended_s >= TOLD_S
+
+    def _tell_troubles(self) -> None:
+        """Each once: who waits for a tracker wants to know that it is turned away."""
+        if self._link.state_errors and not self._told_state_errors:
+            self._told_state_errors = True
+            self._tell("the link's timestamps cannot be written: after a restart, recorded packets could be accepted")
+        for reason in self._link.rejected.keys() - self._told_rejections:
+            self._told_rejections.add(reason)
+            self._tell(f"rejected a datagram: {reason} (told once, counted always)")
+
+
+def percentile_99_ms(seconds: deque[float]) -> float | None:
+    """The least value that 99 % do not exceed, in milliseconds; None of nothing."""
+    if not seconds:
+        return None
+    return round(1000 * sorted(seconds)[math.ceil(0.99 * len(seconds)) - 1], 3)

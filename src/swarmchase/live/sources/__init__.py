@@ -1,0 +1,30 @@
+"""Where a tracker's RSSI samples come from, all behind one protocol."""
+
+from .json_lines import JsonDatagramSource, JsonLinesSource
+from .kismet import KismetSource
+from .pcap import PcapSource, pcap_rows
+from .protocol import CalibratedSource, RssiSource, Sample
+from .replay import ReplaySource, csv_rows, json_rows, sik_dbm
+from .sample_buffer import SampleBuffer
+from .sender_clock import SenderClock
+from .serial_port import open_serial_port
+from .simulated import SimulatedSource
+
+__all__ = [
+    "CalibratedSource",
+    "JsonDatagramSource",
+    "JsonLinesSource",
+    "KismetSource",
+    "PcapSource",
+    "ReplaySource",
+    "RssiSource",
+    "Sample",
+    "SampleBuffer",
+    "SenderClock",
+    "SimulatedSource",
+    "csv_rows",
+    "json_rows",
+    "open_serial_port",
+    "pcap_rows",
+    "sik_dbm",
+]
