@@ -24,6 +24,7 @@ from swarmchase.controllers.particle import (
     FREE_SHARE,
     KERNEL_WIDTH,
     NUM_PARTICLES,
+    NUM_PARTICLES_UNKNOWN_POWER,
     POWER_SPREAD_DB,
     SURPRISES,
     ParticleController,
@@ -417,14 +418,15 @@ def spread_out(controller, generator, keeps):
     """A memory whose particles are a skewed cloud around (80, 0, 60), weighted towards one side."""
     memory = controller.begin(1, 0)
     axes = torch.tensor([[9.0, 0, 0], [4.0, 6.0, 0], [-3.0, 1.0, 2.0]])
-    normal = torch.randn(3, NUM_PARTICLES, generator=generator)
+    number = memory.position_m.shape[2]
+    normal = torch.randn(3, number, generator=generator)
     position_m = torch.tensor([[80.0], [0], [60]]) + axes @ normal
     if keeps:
         position_m = 100 * position_m / position_m.norm(dim=0)
     return dataclasses.replace(
         memory,
         position_m=position_m[None],
-        keeps_distance=torch.full((1, NUM_PARTICLES), keeps),
+        keeps_distance=torch.full((1, number), keeps),
         excess_power_db=2 + 1.5 * normal[:1],
         log_weight=(0.7 * normal[None, 0] - 0.3 * normal[None, 1]).double().log_softmax(dim=1),
     )
@@ -443,16 +445,16 @@ def test_resampling_keeps_the_mean_and_widens_by_the_kernel(seed):
     after = controller._resampled(before, [0])
     old_m, old_weight = belief(before)
     new_m, new_weight = belief(after)
-    assert new_weight == pytest.approx(1 / NUM_PARTICLES)
+    assert new_weight == pytest.approx(1 / NUM_PARTICLES_UNKNOWN_POWER)
     covariance = weighted_covariance(old_m, old_weight)
-    standard_error_m = np.sqrt(np.diag(covariance) * (1 + KERNEL_WIDTH**2) / NUM_PARTICLES)
+    standard_error_m = np.sqrt(np.diag(covariance) * (1 + KERNEL_WIDTH**2) / NUM_PARTICLES_UNKNOWN_POWER)
     assert np.all(np.abs(mean_of(after) - mean_of(before)) < 4 * standard_error_m)
     # Whitened by what it should be, it is the identity.
     root = np.linalg.inv(np.linalg.cholesky((1 + KERNEL_WIDTH**2) * covariance + 0.01 * np.eye(3)))
     assert root @ weighted_covariance(new_m, new_weight) @ root.T == pytest.approx(np.eye(3), abs=0.13)
     old_db, new_db = before.excess_power_db[0].double().numpy(), after.excess_power_db[0].double().numpy()
     deviation_db = math.sqrt(weighted_covariance(old_db, old_weight))
-    assert new_db.mean() == pytest.approx(old_db @ old_weight, abs=4 * deviation_db / NUM_PARTICLES**0.5)
+    assert new_db.mean() == pytest.approx(old_db @ old_weight, abs=4 * deviation_db / NUM_PARTICLES_UNKNOWN_POWER**0.5)
     assert new_db.std() == pytest.approx(deviation_db * (1 + KERNEL_WIDTH**2) ** 0.5, rel=0.07)
 
 
@@ -461,7 +463,7 @@ def test_resampling_is_systematic():
     controller = ParticleController(SCENARIO)
     memory = controller.begin(1, 0)
     heavy = torch.full((1, NUM_PARTICLES), 1e-9, dtype=torch.float64)
-    heavy[0, [3, 700, 1999]] = torch.tensor([0.123456, 0.5, 0.376544], dtype=torch.float64)
+    heavy[0, [3, 700, 999]] = torch.tensor([0.123456, 0.5, 0.376544], dtype=torch.float64)
     position_m = torch.zeros(1, 3, NUM_PARTICLES)
     position_m[0, 0] = torch.arange(NUM_PARTICLES) * 1e6
     spoilt = dataclasses.replace(
@@ -473,7 +475,7 @@ def test_resampling_is_systematic():
     # The kernel is a quarter of a belief hundreds of millions of metres wide: children are counted by their flags.
     flags = torch.zeros(3, NUM_PARTICLES, dtype=torch.bool)
     counts = []
-    for flag, particle in zip(flags, (3, 700, 1999), strict=True):
+    for flag, particle in zip(flags, (3, 700, 999), strict=True):
         flag[particle] = True
         one = dataclasses.replace(spoilt, keeps_distance=flag[None], streams=controller.begin(1, 0).streams)
         counts.append(int(controller._resampled(one, [0]).keeps_distance.sum()))
@@ -687,15 +689,16 @@ def test_whatever_is_heard_gives_an_action_and_good_windows_are_heard_again(cont
         assert_is_finite(memory)
         center_m = tuple(np.add(center_m, action.displacement_m[0].tolist()))
     conditions = []
-    for _ in range(3):
+    for _ in range(SURPRISES + 1):
         position_m = at(center_m)
         action, memory = controller.decide(heard(noise_free_dbm(target_m, position_m), position_m), memory)
         assert_is_an_action(action)
         conditions.append(getattr(memory, "condition", torch.tensor([Condition.TRACKING])).item())
         center_m = tuple(np.add(center_m, action.displacement_m[0].tolist()))
-    # A third surprise in a row may come with the first good window; the next one is heard in any case.
-    assert conditions[1:] == [Condition.TRACKING] * 2
-    assert conditions[0] in (Condition.TRACKING, Condition.LOST)
+    # What was made of the bad windows may be contradicted by the good ones, at most so many in a row and then no more.
+    assert conditions.count(Condition.LOST) <= 1
+    assert conditions.count(Condition.TRACKING) >= SURPRISES
+    assert conditions[-1] == Condition.TRACKING
     assert_is_finite(memory)
 
 

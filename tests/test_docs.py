@@ -185,7 +185,7 @@ def test_the_results_were_made_by_the_command_they_name() -> None:
 
 COMPARISONS = {
     # Table: (episodes, what of it the page shows).
-    "comparison": (1_000, ("90th percentile of movements", "mean movements", "reached")),
+    "comparison": (500, ("90th percentile of movements", "mean movements", "reached")),
     "comparison-10000": (
         10_000,
         (

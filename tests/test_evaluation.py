@@ -200,8 +200,8 @@ def test_parquet_holds_one_row_a_chase_and_what_made_it(tmp_path: Path) -> None:
         "tracking_time_5mps_s": [40.0, 48.0, 42.8, 780.0],
     }
     origin = json.loads(table.schema.metadata[b"swarmchase"])
-    assert origin.keys() == {"version", "scenario", "controller", "action_choice", "weights", "seed"}
-    assert Scenario.from_dict(origin["scenario"]) == scenario
+    assert origin.keys() == {"version", "scenario", "world", "controller", "action_choice", "weights", "seed"}
+    assert Scenario.from_dict(origin["scenario"]) == Scenario.from_dict(origin["world"]) == scenario
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["table.parquet"]
 
 

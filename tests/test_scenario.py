@@ -36,6 +36,9 @@ OWN_CHOICES = {
     "los_phase": "common",
     "continuity": "independent",
     "initial_spacing_m": 5.0,
+    "receiver_offset_db": 0.0,
+    "missing_sample_share": 0.0,
+    "silent_trackers": 0,
 }
 
 
@@ -47,7 +50,7 @@ def test_paper_scenario_is_table_one() -> None:
 def test_every_field_says_where_it_comes_from(field: "dataclasses.Field[Any]") -> None:
     source = field.metadata["source"]
     assert ("Table I" in source) == (field.name in TABLE_I)
-    assert (source == "choice") == (field.name in {"los_phase", "continuity", "initial_spacing_m"})
+    assert (source == "choice") == (field.name in OWN_CHOICES.keys() - {"sampling_hz", "spatial_correlation"})
     assert field.metadata["help"].endswith(".")
 
 

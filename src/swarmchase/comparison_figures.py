@@ -33,8 +33,11 @@ CONTROLLER_STYLES = (
     ("#CC79A7", "D", (0, (5, 1))),
     ("#E69F00", "P", (0, (3, 1, 1, 1))),
     ("#56B4E9", "X", (0, (1, 1))),
+    ("#7B3294", "<", (0, (7, 2))),
+    ("#8C510A", ">", (0, (2, 2))),
 )
-"""Colour (Okabe and Ito), marker and line of the controllers in their order; they repeat after the last."""
+"""Colour (Okabe and Ito, and two more), marker and line of the controllers in their order; they repeat after the
+last."""
 STATED_COLOR = "#7A7A7A"
 MOST_PANELS = 12
 PANELS_A_ROW = 4

@@ -84,6 +84,7 @@ class CompareCommand:
         from ..comparison import timed_decisions_ms
         from ..controllers.shipped import setting_name
 
+        CONSOLE.print("Timing decisions, one chase at a time ...")
         return {
             (name, setting_name(told.sampling_hz, told.spatial_correlation)): timed_decisions_ms(name, told)
             for told in self.told()

@@ -116,7 +116,7 @@ class MultilaterationController:
             diagonal = normal.diagonal(dim1=1, dim2=2)
             normal = normal + torch.diag_embed(DAMPING * diagonal + 1e-9 + (~self._free).double())
             step = torch.linalg.solve(normal, -_total((weight * residual)[..., None] * jacobian))
-            length_m = step[:, :3].norm(dim=1, keepdim=True)
+            length_m = _length_m(step[:, :3])[:, None]
             estimate = estimate + step * (LONGEST_STEP_M / length_m).clamp(max=1)
         return estimate
 
@@ -131,11 +131,11 @@ class MultilaterationController:
         self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
     ) -> Float[Tensor, "chase residual"]:
         """Of the distance from the start, of the power, and whitened of every window and tracker."""
-        distance_m = self._offset_m(memory, estimate).norm(dim=3).clamp(min=self._scenario.reference_distance_m)
+        distance_m = _length_m(self._offset_m(memory, estimate)).clamp(min=self._scenario.reference_distance_m)
         loss_db = self._slope_db * (distance_m / self._scenario.reference_distance_m).log()
         gain_dbm = self._scenario.transmit_power_dbm - self._scenario.reference_path_loss_db + self._law.median_db
         residual_db = memory.power_dbm.nan_to_num(0.0) + loss_db - gain_dbm - estimate[:, None, None, 3]
-        start_m = estimate[:, :3].norm(dim=1, keepdim=True).clamp(min=1e-6)
+        start_m = _length_m(estimate[:, :3])[:, None].clamp(min=1e-6)
         return torch.cat(
             [
                 (start_m / self._scenario.start_distance_m).log() / START_SPREAD,
@@ -150,11 +150,11 @@ class MultilaterationController:
     ) -> Float[Tensor, "chase residual 4"]:
         """The residuals' derivatives by the estimate."""
         offset_m = self._offset_m(memory, estimate)
-        distance_m = offset_m.norm(dim=3, keepdim=True).clamp(min=self._scenario.reference_distance_m)
+        distance_m = _length_m(offset_m)[..., None].clamp(min=self._scenario.reference_distance_m)
         by_position = self._slope_db * offset_m / distance_m.square()
         by_estimate = torch.cat([by_position, -torch.ones_like(by_position[..., :1])], dim=3) * self._free
         by_prior = torch.zeros(len(estimate), 2, 4, dtype=torch.float64)
-        squared_m2 = estimate[:, :3].square().sum(dim=1, keepdim=True).clamp(min=1e-12)
+        squared_m2 = _length_m(estimate[:, :3])[:, None].square().clamp(min=1e-12)
         by_prior[:, 0, :3] = estimate[:, :3] / squared_m2 / START_SPREAD
         by_prior[:, 1, 3] = self._free[3] / POWER_SPREAD_DB
         whitened = self._whitened(by_estimate, memory.power_dbm.isfinite())
@@ -175,6 +175,12 @@ class MultilaterationController:
         own, common = 1 - self._law.correlation, 1 + (num_heard - 1) * self._law.correlation
         white = (value - mean) / own**0.5 + mean / common.sqrt()
         return torch.where(heard[..., None], white, 0.0) / self._law.standard_deviation_db
+
+
+def _length_m(vector_m: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
+    """Written out: a norm of one row alone would be summed in another order than one of many rows."""
+    x_m, y_m, z_m = vector_m.unbind(dim=-1)
+    return (x_m.square() + y_m.square() + z_m.square()).sqrt()
 
 
 def _pushed(rows: Float[Tensor, "chase window ..."], newest: Float[Tensor, "chase ..."]) -> Tensor:

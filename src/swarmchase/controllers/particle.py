@@ -32,6 +32,8 @@ from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
 
 NUM_PARTICLES = 1000
+NUM_PARTICLES_UNKNOWN_POWER = 2000
+"""A fourth dimension needs more: with 1000 its estimate is a decibel off."""
 FREE_SHARE = 0.25
 """Share of the particles that may be at any distance from the start."""
 FREE_SPREAD = 0.4
@@ -83,6 +85,7 @@ class ParticleController:
         self.name = name
         self._scenario = scenario
         self._power_is_known = power_is_known
+        self._num_particles = NUM_PARTICLES if power_is_known else NUM_PARTICLES_UNKNOWN_POWER
         self._window_power = window_power
         self._law = fading_law(scenario, window_power)
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
@@ -90,15 +93,16 @@ class ParticleController:
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> ParticleMemory:
         """Particles all around the start."""
         streams = ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy")
-        keeps_distance = (torch.arange(NUM_PARTICLES) >= FREE_SHARE * NUM_PARTICLES).expand(num_chases, -1)
-        log_spread = FREE_SPREAD * streams.standard_normal(NUM_PARTICLES)
+        number = self._num_particles
+        keeps_distance = (torch.arange(number) >= FREE_SHARE * number).expand(num_chases, -1)
+        log_spread = FREE_SPREAD * streams.standard_normal(number)
         distance_m = self._scenario.start_distance_m * torch.where(keeps_distance, 0.0, log_spread).exp()
         nothing = torch.zeros(num_chases, dtype=torch.int64)
         return ParticleMemory(
-            position_m=_drawn_direction(streams) * distance_m[:, None],
+            position_m=_drawn_direction(streams, number) * distance_m[:, None],
             keeps_distance=keeps_distance.clone(),
             excess_power_db=self._drawn_excess_power_db(streams),
-            log_weight=_even_log_weight(num_chases),
+            log_weight=_even_log_weight(num_chases, number),
             surprises=nothing,
             condition=nothing.clone(),
             streams=streams,
@@ -116,7 +120,7 @@ class ParticleController:
             memory = _replaced(memory, self._begun_anew(memory, center, lost), lost)
         action = self._action(memory, center)
         effective = 1 / (2 * memory.log_weight).exp().sum(dim=1)
-        depleted = (effective < RESAMPLING_SHARE * NUM_PARTICLES).nonzero()[:, 0].tolist()
+        depleted = (effective < RESAMPLING_SHARE * self._num_particles).nonzero()[:, 0].tolist()
         if depleted:
             memory = _replaced(memory, self._resampled(memory, depleted), depleted)
         return action, memory
@@ -174,10 +178,10 @@ class ParticleController:
 
     def _resampled(self, memory: ParticleMemory, rows: list[int]) -> ParticleMemory:
         """Systematic resampling of these chases, and the kernel that spreads what it copied."""
-        one = select_chases(memory, rows)
+        one, number = select_chases(memory, rows), self._num_particles
         cumulative = one.log_weight.exp().cumsum(dim=1)
-        position = (torch.arange(NUM_PARTICLES) + one.streams.uniform(1)) / NUM_PARTICLES
-        parent = torch.searchsorted(cumulative, position * cumulative[:, -1:]).clamp_(max=NUM_PARTICLES - 1)
+        position = (torch.arange(number) + one.streams.uniform(1)) / number
+        parent = torch.searchsorted(cumulative, position * cumulative[:, -1:]).clamp_(max=number - 1)
         at_m = one.position_m.gather(2, parent[:, None].expand(-1, 3, -1))
         keeps_distance = one.keeps_distance.gather(1, parent)
         excess_db = one.excess_power_db.gather(1, parent)
@@ -185,27 +189,27 @@ class ParticleController:
         ratio = _length_m(at_m) / _length_m(moved_m).clamp(min=1e-3)
         if not self._power_is_known:
             spread_db = excess_db.std(dim=1, keepdim=True)
-            excess_db = excess_db + KERNEL_WIDTH * spread_db * one.streams.standard_normal(NUM_PARTICLES)
+            excess_db = excess_db + KERNEL_WIDTH * spread_db * one.streams.standard_normal(number)
         return replace(
             one,
             position_m=torch.where(keeps_distance[:, None], moved_m * ratio, moved_m),
             keeps_distance=keeps_distance,
             excess_power_db=excess_db,
-            log_weight=_even_log_weight(len(rows)),
+            log_weight=_even_log_weight(len(rows), number),
         )
 
     def _begun_anew(self, memory: ParticleMemory, center: Float[Tensor, "chase 3"], rows: list[int]) -> ParticleMemory:
         """Particles all around the swarm, at any distance."""
-        streams = memory.streams.select(rows)
-        share = streams.uniform(NUM_PARTICLES).float()
+        streams, number = memory.streams.select(rows), self._num_particles
+        share = streams.uniform(number).float()
         farthest_m = 2 * self._scenario.start_distance_m
         distance_m = NEAREST_M * (share * math.log(farthest_m / NEAREST_M)).exp()
         nothing = torch.zeros(len(rows), dtype=torch.int64)
         return ParticleMemory(
-            position_m=center[rows].float()[..., None] + _drawn_direction(streams) * distance_m[:, None],
-            keeps_distance=torch.zeros(len(rows), NUM_PARTICLES, dtype=torch.bool),
+            position_m=center[rows].float()[..., None] + _drawn_direction(streams, number) * distance_m[:, None],
+            keeps_distance=torch.zeros(len(rows), number, dtype=torch.bool),
             excess_power_db=self._drawn_excess_power_db(streams),
-            log_weight=_even_log_weight(len(rows)),
+            log_weight=_even_log_weight(len(rows), number),
             surprises=nothing,
             condition=torch.full_like(nothing, int(Condition.LOST)),
             streams=streams,
@@ -213,12 +217,12 @@ class ParticleController:
 
     def _drawn_excess_power_db(self, streams: ChaseStreams) -> Float[Tensor, "chase particle"]:
         if self._power_is_known:
-            return torch.zeros(len(streams), NUM_PARTICLES)
-        return POWER_SPREAD_DB * streams.standard_normal(NUM_PARTICLES)
+            return torch.zeros(len(streams), self._num_particles)
+        return POWER_SPREAD_DB * streams.standard_normal(self._num_particles)
 
 
-def _drawn_direction(streams: ChaseStreams) -> Float[Tensor, "chase 3 particle"]:
-    direction = streams.standard_normal(3, NUM_PARTICLES)
+def _drawn_direction(streams: ChaseStreams, number: int) -> Float[Tensor, "chase 3 particle"]:
+    direction = streams.standard_normal(3, number)
     return direction / _length_m(direction).clamp(min=1e-9)
 
 
@@ -227,8 +231,8 @@ def _length_m(vector_m: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "cha
     return vector_m.square().sum(dim=1, keepdim=True).sqrt()
 
 
-def _even_log_weight(num_chases: int) -> Float[Tensor, "chase particle"]:
-    return torch.full((num_chases, NUM_PARTICLES), -math.log(NUM_PARTICLES), dtype=torch.float64)
+def _even_log_weight(num_chases: int, number: int) -> Float[Tensor, "chase particle"]:
+    return torch.full((num_chases, number), -math.log(number), dtype=torch.float64)
 
 
 def _like_the_belief(position_m: Float[Tensor, "chase 3 particle"], streams: ChaseStreams) -> Tensor:
@@ -237,7 +241,7 @@ def _like_the_belief(position_m: Float[Tensor, "chase 3 particle"], streams: Cha
     covariance = (apart_m[:, :, None] * apart_m[:, None]).mean(dim=3)
     covariance += (LEAST_KERNEL_M / KERNEL_WIDTH) ** 2 * torch.eye(3, dtype=torch.float64)
     factor = torch.linalg.cholesky(covariance).float()
-    normal = streams.standard_normal(3, NUM_PARTICLES)
+    normal = streams.standard_normal(*position_m.shape[1:])
     spread_m: Tensor = (factor[..., None] * normal[:, None]).sum(dim=2)
     return spread_m
 
