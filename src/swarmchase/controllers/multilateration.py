@@ -121,11 +121,15 @@ class MultilaterationController:
         return estimate
 
     def _best_start(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
-        starts = [memory.estimate, *(one.expand(len(memory.estimate), -1) for one in self._candidate)]
-        cost = torch.stack(
-            [_total((self._residuals(memory, start) / CAUCHY_SCALE).square().log1p()) for start in starts]
+        num_chases = len(memory.estimate)
+        starts = torch.stack([memory.estimate, *(one.expand(num_chases, -1) for one in self._candidate)])
+        from_each = replace(
+            memory,
+            power_dbm=memory.power_dbm.repeat(len(starts), 1, 1),
+            tracker_position_m=memory.tracker_position_m.repeat(len(starts), 1, 1, 1),
         )
-        return torch.stack(starts)[cost.argmin(dim=0), torch.arange(len(memory.estimate))]
+        cost = _total((self._residuals(from_each, starts.flatten(0, 1)) / CAUCHY_SCALE).square().log1p())
+        return starts[cost.view(-1, num_chases).argmin(dim=0), torch.arange(num_chases)]
 
     def _residuals(
         self, memory: MultilaterationMemory, estimate: Float[Tensor, "chase 4"]
