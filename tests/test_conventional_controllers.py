@@ -37,7 +37,7 @@ from swarmchase.scenario import paper_scenario
 from swarmchase.streams import chase_keys
 
 CONVENTIONAL = ["gradient", "multilateration", "multilateration-unknown-power", "particle", "particle-unknown-power"]
-LISTENING = [*CONVENTIONAL, "paper"]
+LISTENING = [*CONVENTIONAL, "recurrent", "robust", "paper"]
 NOT_LISTENING = ["oracle", "random"]
 SCENARIO = paper_scenario(sampling_hz=100.0, spatial_correlation=0.1)
 MILD = paper_scenario(sampling_hz=10.0, spatial_correlation=0.9)

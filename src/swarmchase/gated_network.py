@@ -37,6 +37,8 @@ DECADE_DB = 26.0
 """Levels become distances with Table I's path loss exponent: ten times as far is this much weaker."""
 LEVEL_50_M_DBM = -51.2
 """The level that Table I gives 50 m away."""
+WILDEST_DB = 150.0
+"""Levels further than this from their centre are cut off: no receiver means them."""
 MOST_DISTANCE = 6.0
 """Such distances are cut off here, in units of 50 m."""
 TOLD_FEATURES = 2
@@ -142,8 +144,8 @@ class GatedNetwork(nn.Module):
 
     def _heard(self, rssi_dbm: Float[Tensor, "step chase sample 6"]) -> Float[Tensor, "step chase feature"]:
         """Mean powers as differences, contrasts, level and distances, the shapes, and who was heard."""
-        level_db = (rssi_dbm.movedim(2, 3) - LEVEL_CENTER_DBM).contiguous()
-        valid = level_db.isfinite()
+        valid = rssi_dbm.movedim(2, 3).isfinite()
+        level_db = (rssi_dbm.movedim(2, 3) - LEVEL_CENTER_DBM).clamp(-WILDEST_DB, WILDEST_DB).contiguous()
         share = valid.float().mean(dim=3)
         heard = share > 0
         power = torch.where(valid, 10 ** (level_db.clamp(max=100) / 10), 0.0).mean(dim=3) / share.clamp(min=1e-3)

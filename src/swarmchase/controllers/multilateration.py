@@ -123,12 +123,13 @@ class MultilaterationController:
     def _best_start(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
         num_chases = len(memory.estimate)
         starts = torch.stack([memory.estimate, *(one.expand(num_chases, -1) for one in self._candidate)])
-        from_each = replace(
-            memory,
+        from_each = MultilaterationMemory(
             power_dbm=memory.power_dbm.repeat(len(starts), 1, 1),
             tracker_position_m=memory.tracker_position_m.repeat(len(starts), 1, 1, 1),
+            estimate=starts.flatten(0, 1),
+            condition=memory.condition.repeat(len(starts)),
         )
-        cost = _total((self._residuals(from_each, starts.flatten(0, 1)) / CAUCHY_SCALE).square().log1p())
+        cost = _total((self._residuals(from_each, from_each.estimate) / CAUCHY_SCALE).square().log1p())
         return starts[cost.view(-1, num_chases).argmin(dim=0), torch.arange(num_chases)]
 
     def _residuals(
