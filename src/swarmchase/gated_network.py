@@ -144,8 +144,9 @@ class GatedNetwork(nn.Module):
 
     def _heard(self, rssi_dbm: Float[Tensor, "step chase sample 6"]) -> Float[Tensor, "step chase feature"]:
         """Mean powers as differences, contrasts, level and distances, the shapes, and who was heard."""
-        valid = rssi_dbm.movedim(2, 3).isfinite()
-        level_db = (rssi_dbm.movedim(2, 3) - LEVEL_CENTER_DBM).clamp(-WILDEST_DB, WILDEST_DB).contiguous()
+        rssi_dbm = rssi_dbm.movedim(2, 3).contiguous()
+        valid = rssi_dbm.isfinite()
+        level_db = (rssi_dbm - LEVEL_CENTER_DBM).clamp(-WILDEST_DB, WILDEST_DB)
         share = valid.float().mean(dim=3)
         heard = share > 0
         power = torch.where(valid, 10 ** (level_db.clamp(max=100) / 10), 0.0).mean(dim=3) / share.clamp(min=1e-3)
