@@ -12,11 +12,10 @@ import json
 import math
 import os
 import select
-import socket
 from collections import Counter
 from typing import Any
 
-from ...errors import InputError
+from ..udp_socket import bound_udp_socket
 from .protocol import MOST_PER_READ, Sample
 from .sender_clock import SenderClock
 
@@ -114,13 +113,7 @@ class JsonDatagramSource:
 
     def __init__(self, port: int, host: str = "127.0.0.1", same_clock: bool = False) -> None:
         self._records = Records(same_clock)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise InputError(f"cannot listen on {host}:{port}: {error}") from error
+        self._socket = bound_udp_socket(host, port)
 
     @property
     def port(self) -> int:

@@ -2,12 +2,11 @@
 
 import os
 import select
-import socket
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from ...errors import InputError
 from ..sources.serial_port import open_serial_port
+from ..udp_socket import bound_udp_socket
 
 MOST_DATAGRAMS_PER_READ = 200
 READ_BYTES = 65536
@@ -39,13 +38,7 @@ class UdpTransport:
 
     def __init__(self, port: int, host: str = "127.0.0.1") -> None:
         self._peer: tuple[str, int] | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise InputError(f"cannot listen on {host}:{port}: {error}") from error
+        self._socket = bound_udp_socket(host, port)
 
     @property
     def port(self) -> int:
