@@ -34,7 +34,7 @@ STEP_S = 0.05
 SCENARIO = paper_scenario(window_samples=10)
 """Windows of a second."""
 CENTER_M = np.array([10.0, -20, 30])
-BY_OPERATOR = ServiceSettings(reached_windows=0)
+BY_OPERATOR = ServiceSettings(reached_windows=0, settle_s=0.0)
 
 
 class FakeLink:
@@ -791,7 +791,7 @@ def test_it_is_reached_when_every_tracker_hears_the_target_near_enough(
     def heard_dbm(tracker: FakeTracker, now_ns: int) -> float:
         return power_dbm(SCENARIO, float(np.linalg.norm(tracker.position_m - target_m)))
 
-    bench = Bench(level_dbm=heard_dbm, service_settings=ServiceSettings(), spacing_m=spacing_m)
+    bench = Bench(level_dbm=heard_dbm, service_settings=ServiceSettings(settle_s=0.0), spacing_m=spacing_m)
     bench.still.displacement_m, bench.still.spacing_m = [0.0, 0, 0], spacing_m
     bench.run(12)
     assert (bench.service.state is REACHED) is is_near

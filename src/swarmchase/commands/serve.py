@@ -100,6 +100,7 @@ class ServeCommand(ScenarioOptions, LinkOptions):
         from ..live.operator_words import OperatorWords
         from ..live.serve_loop import Journal, ServeLoop
         from ..live.service import ControllerService
+        from ..live.tracker_news import TrackerNews
 
         journal = Journal(tell)
         service = ControllerService(
@@ -110,7 +111,8 @@ class ServeCommand(ScenarioOptions, LinkOptions):
             service.start()
         else:
             tell("Waiting for the word start.")
-        return ServeLoop(service, link, journal, OperatorWords(STANDARD_INPUT), request, tell, self.stay).run()
+        words = [OperatorWords(STANDARD_INPUT).read]
+        return ServeLoop(service, link, journal, words, request, tell, [TrackerNews(tell)], self.stay).run()
 
     def _ready_controller(self, scenario: "Scenario") -> "Controller":
         """Loaded, and asked once: the first time takes longest."""

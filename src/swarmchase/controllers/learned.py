@@ -19,6 +19,7 @@ from ..observation import Observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
+from .explanation import Explanation
 
 ActionChoice = Literal["sampled", "greedy"]
 
@@ -29,6 +30,8 @@ class LearnedMemory:
 
     network_memory: Float[Tensor, "chase memory"]
     """What the networks remember; nothing for those of the paper's form."""
+    logits: Float[Tensor, "chase 4 5"]
+    """Of the last decision's policies, for people to look at."""
     condition: Int[Tensor, "chase"]
     """A ``Condition``."""
     streams: ChaseStreams
@@ -64,6 +67,7 @@ class LearnedController:
         """Nothing heard yet."""
         return LearnedMemory(
             self._networks.begin(self._scenario, num_chases),
+            torch.zeros(num_chases, len(NETWORK_NAMES), NUM_CHOICES),
             torch.zeros(num_chases, dtype=torch.int64),
             ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy"),
         )
@@ -83,7 +87,11 @@ class LearnedController:
         choice[:, 1:] = torch.where(deaf[:, None], self._still, choice[:, 1:])
         following = torch.where(deaf[:, None], memory.network_memory, following)
         condition = torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING))
-        return action_from_choice(self._scenario, choice), LearnedMemory(following, condition, memory.streams)
+        return action_from_choice(self._scenario, choice), LearnedMemory(following, logits, condition, memory.streams)
+
+    def explain(self, observation: Observation, memory: LearnedMemory) -> Explanation:
+        """The policies' probabilities."""
+        return Explanation(memory.logits[0].double().softmax(dim=1), None)
 
     def policy_logits(self, observation: Observation) -> Float[Tensor, "chase 4 5"]:
         """Logits of the four policies for a first window.

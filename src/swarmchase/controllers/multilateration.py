@@ -24,6 +24,7 @@ from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
+from .explanation import Explanation
 from .particle import POWER_SPREAD_DB
 
 MOST_WINDOWS = 128
@@ -98,6 +99,10 @@ class MultilaterationController:
         )
         condition = torch.where(deaf, int(Condition.DEAF), condition)
         return action, replace(memory, estimate=estimate, condition=condition)
+
+    def explain(self, observation: Observation, memory: MultilaterationMemory) -> Explanation:
+        """One point: it knows of no other."""
+        return Explanation(None, memory.estimate[:1, :3])
 
     def _fitted(self, memory: MultilaterationMemory) -> Float[Tensor, "chase 4"]:
         # Rows of windows that no chase of the batch has heard yet need not be computed.

@@ -30,6 +30,7 @@ from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
+from .explanation import MOST_POINTS, Explanation, share_of_points
 
 NUM_PARTICLES = 1000
 NUM_PARTICLES_UNKNOWN_POWER = 2000
@@ -124,6 +125,14 @@ class ParticleController:
         if depleted:
             memory = _replaced(memory, self._resampled(memory, depleted), depleted)
         return action, memory
+
+    def explain(self, observation: Observation, memory: ParticleMemory) -> Explanation:
+        """Particles in proportion to their weights, and what each choice is worth to them."""
+        cumulative = memory.log_weight[0].exp().cumsum(dim=0)
+        at = (torch.arange(MOST_POINTS) + 0.5) / MOST_POINTS * cumulative[-1]
+        chosen = torch.searchsorted(cumulative, at).clamp_(max=self._num_particles - 1)
+        target_m = memory.position_m[0][:, chosen].T.contiguous()
+        return Explanation(share_of_points(self._scenario, target_m, center_m(observation)[0]), target_m)
 
     def _log_likelihood(
         self,

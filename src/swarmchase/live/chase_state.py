@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from ..controllers.explanation import Explanation
 from .messages import Metres, TrackerMode
 from .sample_window import Levels, Points
 
@@ -99,5 +100,9 @@ class Snapshot:
     spacing_m: float | None
     trackers: tuple[TrackerSnapshot, ...]
     last_decision: Decision | None
+    explanation: Explanation | None
+    """Of the last movement, where the controller can explain itself."""
+    window_since_ns: int | None
+    """In SAMPLING: the window begins with the first valid sample taken then or later."""
     recorder_failures: int
     """How often the recorder has failed."""

@@ -8,7 +8,7 @@ import contextlib
 import ipaddress
 import socket
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..scenario import NUM_TRACKERS
 from .keys import require_keys
 from .link import Link
+from .loss import LossMeter
 from .mavlink_codec import (
     CONTROLLER_COMPONENT,
     CONTROLLER_SYSTEM,
@@ -25,7 +26,7 @@ from .mavlink_codec import (
     SetPointDecoder,
     system_of,
 )
-from .mavlink_packet import LONGEST_PACKET_BYTES, Header, PacketReader, PacketWriter, Peer
+from .mavlink_packet import LONGEST_PACKET_BYTES, SEQUENCE_PLACE, Header, PacketReader, PacketWriter, Peer
 from .mavlink_timestamps import Timestamps
 from .messages import Message, Report, SetPoint
 from .rejection import Reason, RejectedError
@@ -48,6 +49,8 @@ class _UdpEnd:
         self._writer = writer
         self._timestamps = timestamps
         self._rejected: Counter[str] = Counter()
+        self._loss: defaultdict[int, LossMeter] = defaultdict(LossMeter)
+        """By system."""
 
     @property
     def rejected(self) -> Counter[str]:
@@ -71,6 +74,8 @@ class _UdpEnd:
                 received.append((self._reader.open(datagram, header, peer), address))
             except RejectedError as rejection:
                 self._rejected[rejection.reason] += 1
+            else:
+                self._loss[peer.system].heard(datagram[SEQUENCE_PLACE])
         return received
 
     def _newest_datagrams(self) -> list[tuple[int, bytes, Header, Peer, Address]]:
@@ -145,6 +150,10 @@ class ControllerMavlinkLink(_UdpEnd, Link):
         """Host and port that trackers dial."""
         host, port = self._socket.getsockname()[:2]
         return host, port
+
+    def loss_share(self) -> list[float | None]:
+        """Of each tracker's last packets, which share got lost on their way here; None where that is not known."""
+        return [self._loss[system_of(tracker)].share for tracker in range(NUM_TRACKERS)]
 
     def send(self, message: Message) -> None:
         """Send a set-point to where its tracker was last heard; drop it if it never was.

@@ -19,6 +19,8 @@ from .rejection import Reason, RejectedError
 FIRST_BYTE = b"\xfd"
 HEADER_BYTES, CHECKSUM_BYTES, SIGNATURE_BYTES = 10, 2, 13
 LONGEST_PACKET_BYTES = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
+SEQUENCE_PLACE = 4
+"""The byte that numbers a sender's packets."""
 NO_FLAGS, SIGNED_FLAG = b"\x00", b"\x01"
 LINK_ID = 0
 """There is one path between a tracker and the controller."""

@@ -33,6 +33,10 @@ class NearnessJudge:
         self._power_share: deque[Levels] = deque(maxlen=max(windows, 1))
         """Of each window: each tracker's mean power over what is needed of it, NaN where it heard nothing."""
 
+    def forget(self) -> None:
+        """Judge by windows to come alone."""
+        self._power_share.clear()
+
     def is_reached(self, rssi_dbm: Levels, center_distance_m: Levels) -> bool:
         """Take in a window [sample, tracker] and judge; with no windows to judge by never.
 

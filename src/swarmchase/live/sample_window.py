@@ -135,6 +135,11 @@ class SampleWindow:
             there, self._time_ns[place], cell * self._period_ns
         )
 
+    def first_valid_ns(self, since_ns: int) -> int | None:
+        """When the first valid sample at or after this moment was taken; None before there is one."""
+        valid_ns = self._time_ns[(self._cell >= self._first_cell(since_ns)) & np.isfinite(self._rssi_dbm)]
+        return int(valid_ns.min()) if len(valid_ns) else None
+
     def is_complete(self, since_ns: int) -> bool:
         """Whether the window that begins at this moment is over: its last sample or a later one has come."""
         return int(self._cell.max()) >= self._first_cell(since_ns) + self._window_samples - 1

@@ -5,13 +5,12 @@ when the chase has ended.
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from .chase_state import UNDER_WAY, ChaseState, Decision, Transition
+from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from .mavlink_link import ControllerMavlinkLink
-from .operator_words import OperatorWords
-from .service import ABORT_S, ControllerService
+from .service import ABORT_S, ControllerService, Recorder
 from .stop_request import StopRequest
 from .ticker import Ticker
 
@@ -24,18 +23,29 @@ WORDS = ("start", "hold", "resume", "reached", "abort", "quit")
 
 Tell = Callable[[str], None]
 """One line for people."""
+Words = Callable[[], Sequence[str]]
+"""What an operator has said since the last call. Never blocks."""
+Watcher = Callable[[Snapshot, float | None], None]
+"""Is told the service after every step, and the seconds its decision took if it made one. Neither blocks nor raises."""
 
 
 class Journal:
-    """The service's recorder: tells every transition and notes that a decision was made."""
+    """The service's recorder: tells every transition, notes that a decision was made, and passes all on to the log.
 
-    def __init__(self, tell: Tell) -> None:
+    Args:
+        log: is given every entry; None where there is none.
+    """
+
+    def __init__(self, tell: Tell, log: Recorder | None = None) -> None:
         self.has_decided = False
         self._tell = tell
+        self._log = log
         self._began_ns = time.monotonic_ns()
 
     def __call__(self, entry: Transition | Decision) -> None:
         """Take in what the service records."""
+        if self._log is not None:
+            self._log(entry)
         if isinstance(entry, Decision):
             self.has_decided = True
         else:
@@ -64,6 +74,8 @@ class ServeLoop:
 
     Args:
         journal: the service's recorder.
+        words: where the operator speaks.
+        watchers: see the service after every step.
         stay: after REACHED or LOST go on holding the trackers there until the operator aborts or quits.
     """
 
@@ -72,13 +84,14 @@ class ServeLoop:
         service: ControllerService,
         link: ControllerMavlinkLink,
         journal: Journal,
-        words: OperatorWords,
+        words: Sequence[Words],
         request: StopRequest,
         tell: Tell,
+        watchers: Sequence[Watcher] = (),
         stay: bool = False,
     ) -> None:
         self._service, self._link, self._journal, self._words = service, link, journal, words
-        self._request, self._tell, self._stay = request, tell, stay
+        self._request, self._tell, self._watchers, self._stay = request, tell, watchers, stay
         self._quits = False
         self._ended_s: float | None = None
         self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
@@ -90,11 +103,15 @@ class ServeLoop:
         began_s = time.monotonic()
         ticker = Ticker(STEPS_HZ)
         while not self._has_ended():
-            for word in self._words.read():
-                self._obey(word)
+            for words in self._words:
+                for word in words():
+                    self._obey(word)
             if self._request.made and not self._quits:
                 self._obey("quit")
-            self.step()
+            latency_s = self.step()
+            snapshot = self._service.snapshot()
+            for watch in self._watchers:
+                watch(snapshot, latency_s)
             self._tell_troubles()
             ticker.wait()
         snapshot = self._service.snapshot()
@@ -107,15 +124,20 @@ class ServeLoop:
             decision_latency_p99_ms=percentile_99_ms(self._latency_s),
         )
 
-    def step(self) -> None:
-        """One step of the service. Where it decides, it is timed: from before the newest samples are taken from the
-        socket until the set-points are sent. What samples wait for the step to begin, up to 1 / STEPS_HZ, is not in it.
+    def step(self) -> float | None:
+        """One step of the service. Where it decides, it is timed: the seconds from before the newest samples are taken
+        from the socket until the set-points are sent. What samples wait for the step to begin, up to 1 / STEPS_HZ, is
+        not in it.
         """
         self._journal.has_decided = False
         began_s = time.perf_counter()
         self._service.step()
-        if self._journal.has_decided:
-            self._latency_s.append(time.perf_counter() - began_s)
+        latency_s = time.perf_counter() - began_s
+        self._service.explain()
+        if not self._journal.has_decided:
+            return None
+        self._latency_s.append(latency_s)
+        return latency_s
 
     def _obey(self, word: str) -> None:
         service = self._service

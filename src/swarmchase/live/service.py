@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 from ..controllers.condition import Condition
+from ..controllers.explanation import Explaining, Explanation
 from ..controllers.protocol import Controller
 from ..errors import InputError
 from ..observation import Observation
@@ -41,7 +42,11 @@ DEAF_WINDOWS = 3
 
 @dataclass(frozen=True)
 class ServiceSettings:
-    """How the service runs a chase."""
+    """How the service runs a chase.
+
+    Raises:
+        InputError: a number of trackers or windows, a length or a time that cannot be.
+    """
 
     minimum_trackers: int = 4
     """Trackers that must be commanded and heard; with fewer it holds."""
@@ -49,10 +54,13 @@ class ServiceSettings:
     """With enough trackers it waits so long for the others before it begins."""
     arrival_tolerance_m: float = 0.3
     """A tracker this near to its place has arrived."""
+    settle_s: float = 0.3
+    """Then it swings for a moment: samples count from so long after its arrival."""
     move_allowance_s: float = 5.0
     """A movement may take twice its shortest time and this."""
     sampling_allowance_s: float = 2.0
-    """A window may take this much longer than its samples; what has not come by then is missing."""
+    """A window may take this much longer than its samples, from the first valid one on; what has not come by then is
+    missing."""
     retry_s: float = 1.0
     """After the controller's failure it holds for so long."""
     reached_windows: int = 2
@@ -61,6 +69,13 @@ class ServiceSettings:
     def __post_init__(self) -> None:
         if not 1 <= self.minimum_trackers <= NUM_TRACKERS:
             raise InputError(f"minimum_trackers = {self.minimum_trackers} is refused: allowed is 1 to {NUM_TRACKERS}")
+        if self.reached_windows < 0:
+            raise InputError(f"reached_windows = {self.reached_windows} is refused: allowed is 0 or more")
+        if not 0 < self.arrival_tolerance_m < math.inf:
+            raise InputError(f"arrival_tolerance_m = {self.arrival_tolerance_m} is refused: allowed is above 0")
+        for name in ("connect_wait_s", "settle_s", "move_allowance_s", "sampling_allowance_s", "retry_s"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 or more")
 
 
 class ControllerService:
@@ -107,12 +122,14 @@ class ControllerService:
         self._told_ns = self._now_ns
         """When the trackers were first told the places that they are now flying to."""
         self._since_ns = self._now_ns
-        """The window begins with the samples taken then."""
+        """The window begins with the first valid sample taken then or later."""
         self._move_s = 0.0
         self._movements = self._deaf_windows = self._recorder_failures = 0
         self._operator_holds = False
         self._retry_ns = self._now_ns
         self._last_decision: Decision | None = None
+        self._to_explain: Observation | None = None
+        self._explanation: Explanation | None = None
 
     # What the operator says
 
@@ -128,8 +145,11 @@ class ControllerService:
             self._hold("the operator holds")
 
     def resume(self) -> None:
-        """Go on after ``hold``."""
-        if self._operator_holds and self.state is ChaseState.HOLDING:
+        """Go on after ``hold``, or after the target was taken for reached and is not."""
+        if self.state is ChaseState.REACHED:
+            self._judge.forget()
+            self._go(ChaseState.HOLDING, "the operator says that it is not reached")
+        elif self._operator_holds and self.state is ChaseState.HOLDING:
             self._go(ChaseState.HOLDING, "the operator resumes")
         self._operator_holds = False
 
@@ -184,17 +204,21 @@ class ControllerService:
     def _begin_sampling(self, reason: str, since_ns: int | None = None) -> None:
         """From this moment, or with what is taken after now."""
         self._in_place, self._since_ns = True, self._now_ns + 1 if since_ns is None else since_ns
+        self._since_ns += round(self._settings.settle_s * 1e9)
         self._go(ChaseState.SAMPLING, reason)
 
     def _sample(self) -> None:
         """Wait for the window, then judge and decide."""
+        begins_ns = self._swarm.first_valid_ns(self._since_ns)
+        is_complete = begins_ns is not None and self._swarm.has_window(begins_ns)
+        begins_ns = self._since_ns if begins_ns is None else begins_ns
         allowed_s = self._scenario.window_s + self._settings.sampling_allowance_s
-        if not self._swarm.has_window(self._since_ns) and self._seconds_in_state() < allowed_s:
+        if not is_complete and (self._now_ns - begins_ns) / 1e9 < allowed_s:
             return
         assert self._formation is not None
         assert self._origin_m is not None
         place_m = formation_m(self._formation.center_m, self._formation.spacing_m)
-        rssi_dbm, position_m = self._swarm.window(self._since_ns, place_m)
+        rssi_dbm, position_m = self._swarm.window(begins_ns, place_m)
         center_m = self._center_m(position_m[-1])
         if self._judge.is_reached(rssi_dbm, np.linalg.norm(position_m[-1] - center_m, axis=1)):
             self._stop(ChaseState.REACHED, "every tracker hears the target as near as the success radius asks for")
@@ -235,6 +259,7 @@ class ControllerService:
         else:
             movement = self._movements = self._movements + 1
             changed = self._fly(center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
+            self._to_explain = observation
         decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
         self._last_decision = decision
         self._record(decision)
@@ -289,6 +314,16 @@ class ControllerService:
         for set_point in self._swarm.set_points(self._epoch, self._now_ns):
             self._link.send(set_point)
 
+    def explain(self) -> None:
+        """Ask the controller about its last decision, for the snapshots: between steps, since it is only for people."""
+        if self._to_explain is None or not isinstance(self._controller, Explaining):
+            return
+        try:
+            self._explanation = self._controller.explain(self._to_explain, self.memory)
+        except Exception:  # a picture is not worth a chase
+            self._explanation = None
+        self._to_explain = None
+
     def _has_enough(self) -> bool:
         return len(self._swarm.usable()) >= self._settings.minimum_trackers
 
@@ -309,6 +344,8 @@ class ControllerService:
             spacing_m=None if formation is None else formation.spacing_m,
             trackers=self._swarm.snapshots(),
             last_decision=self._last_decision,
+            explanation=self._explanation,
+            window_since_ns=self._since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
         )
 

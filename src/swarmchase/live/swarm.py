@@ -87,6 +87,11 @@ class Swarm:
             for tracker in self.commanded()
         ]
 
+    def first_valid_ns(self, since_ns: int) -> int | None:
+        """When, from this moment on, the first valid sample of all usable trackers was taken; None before that."""
+        found_ns = [self._records[tracker].first_valid_ns(since_ns) for tracker in self.usable()]
+        return min((one_ns for one_ns in found_ns if one_ns is not None), default=None)
+
     def has_window(self, since_ns: int) -> bool:
         """Whether all usable trackers have taken the window that begins at this moment."""
         return all(self._records[tracker].has_window(since_ns) for tracker in self.usable())

@@ -106,6 +106,13 @@ class TrackerRecord:
                 since_ns = arrived_ns
         return since_ns
 
+    def first_valid_ns(self, since_ns: int) -> int | None:
+        """When the first valid sample from this moment on was taken; None before there is one."""
+        if self._offset.offset_ns is None:
+            return None
+        own_ns = self._samples.first_valid_ns(since_ns - self._offset.offset_ns)
+        return None if own_ns is None else own_ns + self._offset.offset_ns
+
     def has_window(self, since_ns: int) -> bool:
         """Whether all samples of the window that begins at this moment were taken."""
         return self._offset.offset_ns is not None and self._samples.is_complete(since_ns - self._offset.offset_ns)

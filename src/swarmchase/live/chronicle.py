@@ -1,0 +1,70 @@
+"""What is shown and kept of a chase while it runs: the snapshots become frames, for a page, a log or both."""
+
+from collections.abc import Callable, Sequence
+
+from .chase_state import Snapshot
+from .frame import Frame, frame_of
+from .mavlink_link import ControllerMavlinkLink
+from .messages import Metres
+from .ticker import next_moment_ns
+
+FRAMES_HZ = 10.0
+
+FrameTaker = Callable[[Frame], None]
+"""Never blocks and never raises."""
+
+
+class Chronicle:
+    """Told every snapshot of a service, it gives out frames at ``FRAMES_HZ`` and whenever the state changes.
+
+    Args:
+        takers: are given every frame.
+        alarms: what the operator should know besides, asked for each frame.
+        target_m: where the target is, if somebody knows: a simulation does.
+    """
+
+    def __init__(
+        self,
+        link: ControllerMavlinkLink,
+        began_ns: int,
+        takers: Sequence[FrameTaker],
+        alarms: Callable[[], Sequence[str]],
+        target_m: Callable[[], Metres | None] = lambda: None,
+    ) -> None:
+        self._link, self._began_ns, self._takers = link, began_ns, takers
+        self._alarms, self._target_m = alarms, target_m
+        self._path_m: list[Metres] = []
+        self._movements = -1
+        self._shown_ns = began_ns
+        self._shown: Snapshot | None = None
+        self._latency_s: float | None = None
+
+    def __call__(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
+        """Take in the service as it is after a step, and how long its decision took where it made one."""
+        self._latency_s = self._latency_s if decision_latency_s is None else decision_latency_s
+        if snapshot.center_m is not None and snapshot.movements > self._movements:
+            self._movements = snapshot.movements
+            self._path_m.append(snapshot.center_m)
+        if not self._is_due(snapshot):
+            return
+        self._shown = snapshot
+        frame = frame_of(
+            snapshot,
+            self._began_ns,
+            self._path_m,
+            self._link.loss_share(),
+            self._link.rejected,
+            self._latency_s,
+            self._alarms(),
+            self._target_m(),
+        )
+        for take in self._takers:
+            take(frame)
+
+    def _is_due(self, snapshot: Snapshot) -> bool:
+        next_ns = next_moment_ns(self._shown_ns, round(1e9 / FRAMES_HZ), snapshot.time_ns)
+        has_changed = self._shown is None or self._shown.state is not snapshot.state
+        if not has_changed and next_ns > snapshot.time_ns:
+            return False
+        self._shown_ns = min(next_ns, snapshot.time_ns)
+        return True

@@ -1,0 +1,155 @@
+"""One moment of a chase as a page shows it and a log keeps it: plain JSON, nothing in it that is not in a snapshot.
+
+All metres are of the shared frame, x east, y north, z up. What is not known is null.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import TypedDict
+
+from ..controllers.explanation import Explanation
+from .chase_state import Decision, Snapshot, TrackerSnapshot
+from .messages import Metres
+from .sample_window import Points
+
+
+class TrackerFrame(TypedDict):
+    """One tracker."""
+
+    position_m: list[float] | None
+    set_point_m: list[float] | None
+    """Null where it is not commanded."""
+    mode: str | None
+    """holding, following, manual."""
+    position_age_s: float | None
+    rssi_age_s: float | None
+    """Of the newest valid sample."""
+    is_lost: bool
+    """Nobody knows where it is."""
+    is_silent: bool
+    """It hears nothing, or nothing of what it hears arrives."""
+    loss_share: float | None
+    """Of its packets in the last seconds; null where the link cannot tell."""
+    missing_share: float
+    """Of the samples in its last window."""
+    rssi_dbm: list[float | None]
+    """Its last window, oldest first."""
+
+
+class DecisionFrame(TypedDict):
+    """The last decision."""
+
+    movement: int
+    spacing_m: float
+    displacement_m: list[float]
+    changed: str
+    """What the safety filter made of it; else empty."""
+    choice_share: list[list[float]] | None
+    """How much speaks for each choice of spacing, x, y, z: ``Explanation.choice_share``."""
+
+
+class Frame(TypedDict):
+    """The chase at one moment."""
+
+    time_s: float
+    """Since the service was started."""
+    epoch: int
+    state: str
+    """idle, connecting, sampling, moving, holding, reached, lost, aborted."""
+    reason: str
+    """Of the last transition."""
+    movements: int
+    center_m: list[float] | None
+    spacing_m: float | None
+    path_m: list[list[float]]
+    """The centres of the formation from the first on, one a movement."""
+    trackers: list[TrackerFrame]
+    """Six."""
+    decision: DecisionFrame | None
+    belief_m: list[list[float]] | None
+    """Points of equal weight where the target may be."""
+    target_m: list[float] | None
+    """Where the target is: only a simulation knows."""
+    rejected: dict[str, int]
+    """Datagrams that the link dropped, by reason."""
+    decision_latency_ms: float | None
+    """Of the last decision."""
+    alarms: list[str]
+    """What the operator should know besides."""
+
+
+def frame_of(
+    snapshot: Snapshot,
+    began_ns: int,
+    path_m: Sequence[Metres],
+    loss_share: Sequence[float | None],
+    rejected: Counter[str],
+    decision_latency_s: float | None,
+    alarms: Sequence[str],
+    target_m: Metres | None = None,
+) -> Frame:
+    """The frame of this snapshot."""
+    explanation = snapshot.explanation
+    return Frame(
+        time_s=round((snapshot.time_ns - began_ns) / 1e9, 3),
+        epoch=snapshot.epoch,
+        state=snapshot.state.value,
+        reason=snapshot.reason,
+        movements=snapshot.movements,
+        center_m=_metres(snapshot.center_m),
+        spacing_m=snapshot.spacing_m,
+        path_m=[_rounded(center_m) for center_m in path_m],
+        trackers=[_tracker(*pair) for pair in zip(snapshot.trackers, loss_share, strict=True)],
+        decision=None if snapshot.last_decision is None else _decision(snapshot.last_decision, explanation),
+        belief_m=_belief(explanation, snapshot.origin_m),
+        target_m=_metres(target_m),
+        rejected={str(reason): count for reason, count in sorted(rejected.items())},
+        decision_latency_ms=None if decision_latency_s is None else round(1000 * decision_latency_s, 3),
+        alarms=list(alarms),
+    )
+
+
+def _tracker(tracker: TrackerSnapshot, loss_share: float | None) -> TrackerFrame:
+    return TrackerFrame(
+        position_m=_metres(tracker.position_m),
+        set_point_m=_metres(tracker.set_point_m),
+        mode=None if tracker.mode is None else tracker.mode.name.lower(),
+        position_age_s=_finite(tracker.position_age_s),
+        rssi_age_s=_finite(tracker.rssi_age_s),
+        is_lost=tracker.is_lost,
+        is_silent=tracker.is_silent,
+        loss_share=loss_share,
+        missing_share=round(tracker.missing_share, 3),
+        rssi_dbm=[_finite(level_dbm) for level_dbm in tracker.rssi_dbm],
+    )
+
+
+def _decision(decision: Decision, explanation: Explanation | None) -> DecisionFrame:
+    share = None if explanation is None else explanation.choice_share
+    return DecisionFrame(
+        movement=decision.movement,
+        spacing_m=decision.spacing_m,
+        displacement_m=list(decision.displacement_m),
+        changed=decision.changed,
+        choice_share=None if share is None else [[round(one, 4) for one in row] for row in share.tolist()],
+    )
+
+
+def _belief(explanation: Explanation | None, origin_m: Metres | None) -> list[list[float]] | None:
+    if explanation is None or explanation.target_m is None or origin_m is None:
+        return None
+    points: Points = explanation.target_m.double().numpy() + origin_m
+    return [[round(coordinate, 1) for coordinate in point_m] for point_m in points.tolist()]
+
+
+def _metres(point_m: Metres | None) -> list[float] | None:
+    return None if point_m is None else _rounded(point_m)
+
+
+def _rounded(point_m: Metres) -> list[float]:
+    return [round(coordinate, 3) for coordinate in point_m]
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 2) if math.isfinite(value) else None
