@@ -1,0 +1,157 @@
+"""``swarmchase replay``: a recorded chase on the page, asked again, or as JSON."""
+
+import dataclasses
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tyro.conf import Positional
+
+from ..errors import InputError
+from .terminal import CONSOLE, print_json
+
+if TYPE_CHECKING:
+    from ..live.recording import Recording
+    from ..live.verification import Verification
+
+LOOK_S = 0.1
+MOST_ROWS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayCommand:
+    """Show a recorded chase on a page, until Ctrl-C. With --verify or --json there is no page."""
+
+    file: Positional[Path]
+    """The log: an .mcap file of swarmchase serve; one that was cut short will do."""
+    page: str = "127.0.0.1:8800"
+    """HOST:PORT of the page."""
+    verify: bool = False
+    """Ask the recorded controller again what it was asked, and compare the actions bit for bit. Exit code 1 if any is
+    another one."""
+    json: bool = False
+    """Print what the log holds as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Read the log, and do with it what the options say."""
+        from ..live.recording import read_recording
+        from ..live.verification import verify
+
+        recording = read_recording(self.file)
+        _tell_contents(recording)
+        verification = verify(recording) if self.verify else None
+        if verification is not None:
+            _tell_verification(verification)
+        if self.json:
+            print_json(_contents(recording, verification))
+        if verification is None and not self.json:
+            self._show(recording)
+        elif verification is not None and not verification.is_same:
+            sys.exit(1)
+
+    def _show(self, recording: "Recording") -> None:
+        from ..live.address import host_and_port
+        from ..live.page.feed import Feed
+        from ..live.page.server import PageServer
+        from ..live.page_info import page_info
+        from ..live.stop_request import stop_request
+
+        host, port = host_and_port(self.page)
+        if not recording.num_frames:
+            raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")
+        feed = Feed(page_info(recording.head), is_live=False)
+        for frame in recording.frames():
+            feed.publish(frame)
+        with stop_request() as request:
+            server = PageServer(feed, host, port)
+            try:
+                _tell(f"The page is at {server.url}; Ctrl-C ends it.")
+                while not request.made:
+                    time.sleep(LOOK_S)
+            finally:
+                server.close()
+
+
+def _tell(line: str) -> None:
+    CONSOLE.print(line, markup=False, soft_wrap=True)
+
+
+def _tell_contents(recording: "Recording") -> None:
+    head = recording.head
+    _tell(
+        f"Chase {head.chase} of seed {head.seed} by {head.controller}, {head.started_at:%Y-%m-%d %H:%M:%S} UTC: "
+        f"{recording.state.value} after {recording.movements} movements and {recording.seconds:.1f} s"
+        f"{f' ({recording.reason})' if recording.reason else ''}."
+    )
+    if recording.is_cut:
+        _tell(f"The log is not whole: {recording.cut}. What comes before is here.")
+    if recording.lost_frames or recording.lost_entries:
+        frames, entries = recording.lost_frames, recording.lost_entries
+        _tell(f"The recorder has lost {frames} frames and {entries} transitions and decisions.")
+
+
+def _tell_verification(verification: "Verification") -> None:
+    from rich.table import Table
+
+    for doubt in verification.doubts:
+        _tell(f"Note: {doubt}.")
+    different = len(verification.mismatches)
+    if not different:
+        _tell(f"All {verification.decisions} decisions are the same, bit for bit.")
+        return
+    _tell(f"{different} of {verification.decisions} decisions are different:")
+    table = Table("decision", "movement", "spacing and displacement recorded", "now")
+    for mismatch in verification.mismatches[:MOST_ROWS]:
+        now = mismatch.reason if mismatch.now is None else _words(mismatch.now)
+        table.add_row(str(mismatch.number), str(mismatch.movement), _words(mismatch.recorded), now)
+    CONSOLE.print(table, markup=False)
+    if different > MOST_ROWS:
+        _tell(f"and {different - MOST_ROWS} more; --json has them all.")
+
+
+def _words(action: tuple[float, ...]) -> str:
+    return " ".join(map(repr, action))
+
+
+def _contents(recording: "Recording", verification: "Verification | None") -> dict[str, Any]:
+    head = recording.head
+    contents: dict[str, Any] = {
+        "file": str(recording.path),
+        "version": head.version,
+        "controller": head.controller,
+        "sampling_hz": head.scenario.sampling_hz,
+        "spatial_correlation": head.scenario.spatial_correlation,
+        "seed": head.seed,
+        "chase": head.chase,
+        "epoch": head.epoch,
+        "started_at": head.started_at.isoformat(),
+        "state": recording.state.value,
+        "reason": recording.reason,
+        "movements": recording.movements,
+        "seconds": round(recording.seconds, 3),
+        "transitions": len(recording.transitions),
+        "decisions": len(recording.decisions),
+        "frames": recording.num_frames,
+        "lost_frames": recording.lost_frames,
+        "lost_entries": recording.lost_entries,
+        "is_cut": recording.is_cut,
+        "cut": recording.cut,
+    }
+    if verification is not None:
+        contents |= {
+            "is_same": verification.is_same,
+            "doubts": list(verification.doubts),
+            "mismatches": [_json_of(mismatch) for mismatch in map(dataclasses.asdict, verification.mismatches)],
+        }
+    return contents
+
+
+def _json_of(mismatch: dict[str, Any]) -> dict[str, Any]:
+    """What is no finite number is a word, as JSON has none for it."""
+    for name in ("recorded", "now"):
+        if mismatch[name] is not None:
+            mismatch[name] = [value if math.isfinite(value) else repr(value) for value in mismatch[name]]
+    return mismatch
