@@ -1,0 +1,51 @@
+// Numbers as people read them, and the few colours and names that all parts of the page share.
+
+export const TRACKER_COLORS = ["#56b4e9", "#f2a33a", "#35c998", "#efe04a", "#ef86c0", "#a58bff"];
+export const TRACKER_SIDES = ["east", "west", "north", "south", "up", "down"];
+export const STALE_COLOR = "#5b6b7f";
+
+// A tracker that has not been heard for so long is stale; so is everything when no frame has come for so long.
+export const STALE_S = 1.0;
+
+export const NOTHING = "–";
+
+export function number(value, digits = 1) {
+  return value === null || value === undefined ? NOTHING : value.toFixed(digits).replace("-", "−");
+}
+
+export function age(seconds) {
+  if (seconds === null || seconds === undefined) return NOTHING;
+  return seconds < 100 ? `${seconds.toFixed(1)} s` : `${Math.round(seconds)} s`;
+}
+
+export function share(value) {
+  return value === null || value === undefined ? NOTHING : `${Math.round(100 * value)} %`;
+}
+
+export function metres(point, digits = 1) {
+  return point ? point.map((coordinate) => number(coordinate, digits)).join("  ") : NOTHING;
+}
+
+// 75.31 -> 1:15.3
+export function clock(seconds) {
+  const tenths = Math.max(0, Math.round(seconds * 10));
+  const minutes = Math.floor(tenths / 600);
+  return `${minutes}:${String(Math.floor((tenths % 600) / 10)).padStart(2, "0")}.${tenths % 10}`;
+}
+
+// An age of the frame, seen some seconds after the frame was made.
+export function agedBy(seconds, extraS) {
+  return seconds === null || seconds === undefined ? null : seconds + extraS;
+}
+
+// Why a tracker's data must not be taken for the present: "lost", "silent", "stale"; else empty.
+export function staleness(tracker, extraS) {
+  if (tracker.is_lost) return "lost";
+  if (tracker.is_silent) return "silent";
+  const ages = [tracker.position_age_s, tracker.rssi_age_s].map((one) => agedBy(one, extraS));
+  return ages.some((one) => one === null || one > STALE_S) ? "stale" : "";
+}
+
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}

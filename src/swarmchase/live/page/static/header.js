@@ -1,0 +1,38 @@
+// The state of the chase and the figures beside it.
+
+import { NOTHING, age, clock, number, setText } from "./format.js";
+
+const $ = (id) => document.getElementById(id);
+
+export function showInfo(info) {
+  const about = [info.controller, info.sampling_hz && `${info.sampling_hz} Hz`, info.version && `v${info.version}`];
+  setText($("title"), info.title || about.filter(Boolean).join(" · "));
+  $("title").title = [info.title, ...about].filter(Boolean).join(" · ");
+}
+
+export function showState(frame) {
+  $("state").dataset.state = frame.state;
+  $("state").dataset.epoch = frame.epoch;
+  setText($("state-name"), frame.state);
+  setText($("reason"), frame.reason || NOTHING);
+  $("reason").title = frame.reason;
+  setText($("movements"), String(frame.movements));
+  setText($("chase-time"), clock(frame.time_s));
+  const latency = frame.decision_latency_ms;
+  setText($("latency"), latency === null ? NOTHING : `${number(latency, latency < 10 ? 1 : 0)} ms`);
+  document.title = `${frame.state} · swarmchase`;
+}
+
+// What the data are: a recording, fresh, or old.
+export function showConnection({ isLive, isConnected, silentS, isStale }) {
+  const connection = !isLive ? "replay" : !isConnected ? "none" : isStale ? "stale" : "live";
+  document.body.dataset.connection = connection;
+  document.body.dataset.stale = String(isStale);
+  const words = { replay: "replay", none: "no link", stale: age(silentS), live: "live" };
+  setText($("connection"), words[connection]);
+  $("banner").hidden = !isStale;
+  if (!isStale) return;
+  const why = isConnected ? "the service sends nothing" : "not connected, trying again";
+  const since = silentS === null ? "No data yet" : `No data for ${age(silentS)}`;
+  setText($("banner"), `${since}: ${why}. What is shown is old.`);
+}

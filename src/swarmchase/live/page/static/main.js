@@ -1,0 +1,133 @@
+// Puts the page together. What is drawn follows from one frame alone, be it of now, of the past, or of a recording.
+
+import { STALE_S, metres, number, setText } from "./format.js";
+import { showConnection, showInfo, showState } from "./header.js";
+import { DecisionPanel } from "./decision.js";
+import { Notices } from "./notices.js";
+import { Operator } from "./operator.js";
+import { ServiceSocket } from "./socket.js";
+import { Timeline } from "./timeline.js";
+import { Traces } from "./traces.js";
+import { TrackerTable } from "./trackers.js";
+
+const AGES_MS = 200;
+const $ = (id) => document.getElementById(id);
+
+let info = null;
+let newest = null; // frame
+let newestMs = null; // when it was made, by this page's clock
+let shown = null; // frame: the newest, or a past one
+let isConnected = false;
+
+const trackers = new TrackerTable($("trackers"));
+const traces = new Traces($("traces"), $("traces-key"));
+const decision = new DecisionPanel($("decision"), $("decision-number"), $("decision-note"));
+const notices = new Notices($("alarms"), $("rejected"));
+const scene = await openScene();
+
+const socket = new ServiceSocket({
+  connected(nowConnected) {
+    isConnected = nowConnected;
+    if (nowConnected) timeline.restart();
+    drawClock();
+  },
+  info(message) {
+    info = message;
+    showInfo(info);
+    [timeline, traces, decision, scene].forEach((part) => part?.setInfo(info));
+    if (shown) draw();
+  },
+  frame(message) {
+    takeNewest(message);
+    timeline.setRange(message.first_s, message.last_s);
+    if (timeline.isFollowing) show(newest);
+    drawClock();
+  },
+  past(message) {
+    if (!timeline.isFollowing) show(message.frame);
+    timeline.answered();
+    drawClock();
+  },
+});
+const operator = new Operator($("operator"), (word) => socket.send({ word }));
+const timeline = new Timeline($("timeline"), {
+  seek: (seconds) => socket.send({ seek: seconds }),
+  follow: () => newest && show(newest),
+});
+setInterval(() => {
+  drawClock();
+  if (shown && isFollowing()) drawAges();
+}, AGES_MS);
+
+async function openScene() {
+  try {
+    const { Scene } = await import("./scene.js");
+    return new Scene($("scene"), { reset: $("reset-view"), closeUp: $("close-up") });
+  } catch (error) {
+    console.warn(`no picture: ${error.message}`);
+    $("scene-missing").hidden = false;
+    $("view-buttons").hidden = true;
+    return null;
+  }
+}
+
+function isFollowing() {
+  return info?.is_live && timeline.isFollowing;
+}
+
+function takeNewest({ frame, age_s: ageS }) {
+  // Another epoch is another chase: its times begin again, so a past moment of the old one means nothing in it.
+  if (newest && frame.epoch !== newest.epoch && info.is_live) timeline.goLive();
+  newest = frame;
+  newestMs = performance.now() - 1000 * ageS;
+}
+
+function silentS() {
+  return newestMs === null ? null : (performance.now() - newestMs) / 1000;
+}
+
+function isStale() {
+  return (info === null || info.is_live) && !(isConnected && newestMs !== null && silentS() < STALE_S);
+}
+
+function show(frame) {
+  shown = frame;
+  draw();
+}
+
+function draw() {
+  document.body.dataset.timeS = shown.time_s;
+  document.body.dataset.epoch = shown.epoch;
+  decision.draw(shown);
+  notices.draw(shown);
+  scene?.draw(shown);
+  setText($("center"), `${metres(shown.center_m)} m`);
+  setText($("spacing"), `${number(shown.spacing_m)} m`);
+  drawDistance();
+  drawAges();
+}
+
+function drawDistance() {
+  const known = shown.target_m && shown.center_m;
+  $("distance-figure").hidden = !known;
+  $("key-target").hidden = !shown.target_m;
+  $("key-belief").hidden = !shown.belief_m;
+  $("key-fence").hidden = !info?.fence_m;
+  if (known) setText($("distance"), `${number(Math.hypot(...shown.target_m.map((one, axis) => one - shown.center_m[axis])))} m`);
+}
+
+// What grows older between two frames.
+function drawAges() {
+  const extraS = isFollowing() ? silentS() : 0;
+  trackers.draw(shown, extraS);
+  traces.draw(shown, extraS, isFollowing() && isStale());
+}
+
+function drawClock() {
+  const isLive = info === null || info.is_live;
+  // The state beside the buttons is the live one, also while the past is looked at: they act on the present.
+  const frame = isLive ? newest : shown;
+  showConnection({ isLive, isConnected, silentS: silentS(), isStale: isStale() });
+  if (frame) showState(frame);
+  operator.draw(isLive ? newest : null, isConnected);
+}

@@ -1,0 +1,209 @@
+// The swarm in space: x east, y north, z up, all in metres. Drawn only when something has changed.
+
+import * as THREE from "./vendor/three.module.min.js";
+import { OrbitControls } from "./vendor/OrbitControls.js";
+import { STALE_COLOR, TRACKER_COLORS, setText, staleness } from "./format.js";
+import { Framing } from "./framing.js";
+import { CompassRose } from "./compass_rose.js";
+import { disc, dots, label, polyline, quadcopter, ring, segments, setPoints } from "./shapes.js";
+
+const FIELD_OF_VIEW_DEG = 40;
+const TRACKER_PX = 24;
+const SET_POINT_PX = 20;
+const CENTER_PX = 11;
+const TARGET_PX = 17;
+const GRID_LINES = 24;
+const GRID_STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+
+export class Scene {
+  // Throws where the browser has no WebGL.
+  constructor(container, buttons) {
+    this.container = container;
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.autoClear = false;
+    container.append(this.renderer.domElement);
+    this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.1, 20000);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.framing = new Framing(this.camera, this.controls);
+    this.rose = new CompassRose();
+    this.scene = new THREE.Scene();
+    this.scene.add(new THREE.HemisphereLight("#ffffff", "#56677a", 2.6));
+    const sun = new THREE.DirectionalLight("#ffffff", 1.4);
+    sun.position.set(-2, -3, 6);
+    this.scene.add(sun);
+    this.fixedSize = []; // [object, pixels]: as large on the screen from near as from afar
+    this.addObjects();
+    this.controls.addEventListener("change", () => this.request());
+    this.controls.addEventListener("start", () => this.framing.release());
+    buttons.reset.addEventListener("click", () => this.look(false));
+    buttons.closeUp.addEventListener("click", () => this.look(!this.framing.isCloseUp));
+    this.closeUpButton = buttons.closeUp;
+    new ResizeObserver(() => this.resize()).observe(container);
+  }
+
+  setInfo(info) {
+    const fence = info.fence_m;
+    this.fence.visible = Boolean(fence);
+    if (fence) setPoints(this.fence, boxEdges(fence.low, fence.high));
+    if (fence) this.fence.computeLineDistances();
+    this.successRadiusM = info.success_radius_m || 1;
+    this.request();
+  }
+
+  // Let the camera find its place by itself: to see everything, or the swarm alone.
+  look(isCloseUp) {
+    this.framing.reset(isCloseUp);
+    this.closeUpButton.setAttribute("aria-pressed", String(isCloseUp));
+    if (this.frame) this.framing.include(this.frame);
+    this.request();
+  }
+
+  draw(frame) {
+    this.frame = frame;
+    frame.trackers.forEach((tracker, index) => this.drawTracker(index, tracker, frame.center_m));
+    place(this.center, frame.center_m);
+    setPoints(this.path, frame.path_m);
+    setPoints(this.steps, frame.path_m);
+    setPoints(this.belief, frame.belief_m ?? []);
+    this.drawTarget(frame.target_m);
+    this.drawGround(frame);
+    this.framing.include(frame);
+    this.request();
+  }
+
+  addObjects() {
+    this.grid = segments("#2a3a4c", 0.75);
+    this.plumbs = segments("#7f93a8", 0.45);
+    this.fence = segments("#7a8ca1", 0.5, true);
+    this.path = polyline("#ffffff", 0.8);
+    this.steps = dots("#ffffff", 5, 0.9);
+    this.belief = dots("#67d7e5", 5, 0.5);
+    this.center = disc("#ffffff");
+    this.trackers = TRACKER_COLORS.map((color, index) => this.addTracker(color, index));
+    this.target = new THREE.Mesh(
+      new THREE.OctahedronGeometry(0.5),
+      new THREE.MeshStandardMaterial({ color: "#ff5d5d", emissive: "#7a1515", flatShading: true, transparent: true }),
+    );
+    this.success = new THREE.Mesh(
+      new THREE.SphereGeometry(1, 20, 12),
+      new THREE.MeshBasicMaterial({ color: "#ff5d5d", wireframe: true, transparent: true, opacity: 0.25 }),
+    );
+    this.fixedSize.push([this.center, CENTER_PX], [this.target, TARGET_PX]);
+    this.scene.add(this.grid, this.plumbs, this.fence, this.path, this.steps, this.belief, this.center);
+    this.scene.add(this.target, this.success);
+    // After the belief's points, which would hide them: these write no depth.
+    for (const object of [this.target, ...this.trackers.map((one) => one.body)]) {
+      object.traverse((part) => (part.renderOrder = 1));
+    }
+    this.fence.visible = false;
+  }
+
+  addTracker(color, index) {
+    const tracker = {
+      color,
+      body: quadcopter(color),
+      setPoint: ring(color),
+      arm: segments(color, 0.75),
+      lead: segments(color, 0.4),
+      names: { fresh: label(String(index), color), stale: label(String(index), STALE_COLOR) },
+    };
+    const { fresh, stale } = tracker.names;
+    this.fixedSize.push([tracker.body, TRACKER_PX], [tracker.setPoint, SET_POINT_PX], [fresh, 17], [stale, 17]);
+    this.scene.add(tracker.body, tracker.setPoint, tracker.arm, tracker.lead, fresh, stale);
+    return tracker;
+  }
+
+  drawTracker(index, tracker, centerM) {
+    const parts = this.trackers[index];
+    const position = tracker.position_m;
+    const isStale = staleness(tracker, 0) !== "";
+    const color = isStale ? STALE_COLOR : parts.color;
+    for (const part of [parts.body, parts.setPoint, parts.arm, parts.lead]) {
+      part.traverse((one) => one.material?.color.set(color));
+    }
+    place(parts.body, position);
+    place(parts.setPoint, tracker.set_point_m);
+    place(parts.names.fresh, isStale ? null : position);
+    place(parts.names.stale, isStale ? position : null);
+    setPoints(parts.arm, position && centerM ? [centerM, position] : []);
+    setPoints(parts.lead, position && tracker.set_point_m ? [position, tracker.set_point_m] : []);
+  }
+
+  drawTarget(targetM) {
+    place(this.target, targetM);
+    place(this.success, targetM);
+    this.success.scale.setScalar(this.successRadiusM ?? 1);
+  }
+
+  // The plane of height 0 under everything, and what is above which place of it.
+  drawGround(frame) {
+    const step = this.framing.gridStepM(frame, GRID_STEPS_M, GRID_LINES);
+    const middle = this.framing.middleM(frame).map((coordinate) => Math.round(coordinate / step) * step);
+    const key = JSON.stringify([step, middle]);
+    if (key !== this.gridKey) {
+      this.gridKey = key;
+      setPoints(this.grid, gridLines(middle, step));
+      setText(document.getElementById("grid-step"), `${step} m, at height 0`);
+    }
+    const high = [frame.center_m, frame.target_m].filter(Boolean);
+    setPoints(this.plumbs, high.flatMap((point) => [point, [point[0], point[1], 0]]));
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.container;
+    if (width === 0 || height === 0) return;
+    this.renderer.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.request();
+  }
+
+  request() {
+    this.pending ??= requestAnimationFrame(() => {
+      this.pending = null;
+      this.render();
+    });
+  }
+
+  render() {
+    if (this.framing.step()) this.request();
+    this.keepSizes();
+    this.renderer.clear();
+    this.renderer.render(this.scene, this.camera);
+    this.rose.render(this.renderer, this.camera, this.controls.target);
+  }
+
+  keepSizes() {
+    const height = this.container.clientHeight || 1;
+    const perPixel = (2 * Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2))) / height;
+    for (const [object, pixels] of this.fixedSize) {
+      object.scale.setScalar(perPixel * pixels * this.camera.position.distanceTo(object.position));
+    }
+    for (const { setPoint } of this.trackers) setPoint.quaternion.copy(this.camera.quaternion);
+  }
+}
+
+function place(object, point) {
+  object.visible = Boolean(point);
+  if (point) object.position.set(...point);
+}
+
+function boxEdges([west, south, low], [east, north, high]) {
+  const corners = [[west, south], [east, south], [east, north], [west, north]];
+  return corners.flatMap((corner, index) => {
+    const next = corners[(index + 1) % 4];
+    return [[...corner, low], [...next, low], [...corner, high], [...next, high], [...corner, low], [...corner, high]];
+  });
+}
+
+function gridLines([east, north], step) {
+  const reach = (GRID_LINES / 2) * step;
+  return Array.from({ length: GRID_LINES + 1 }, (_, index) => index * step - reach).flatMap((offset) => [
+    [east - reach, north + offset, 0],
+    [east + reach, north + offset, 0],
+    [east + offset, north - reach, 0],
+    [east + offset, north + reach, 0],
+  ]);
+}
