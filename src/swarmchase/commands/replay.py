@@ -62,7 +62,7 @@ class ReplayCommand:
         host, port = host_and_port(self.page)
         if not recording.num_frames:
             raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")
-        feed = Feed(page_info(recording.head), is_live=False)
+        feed = Feed(page_info(recording.head) | {"duration_s": round(recording.seconds, 3)}, is_live=False)
         for frame in recording.frames():
             feed.publish(frame)
         with stop_request() as request:

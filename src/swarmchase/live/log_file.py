@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..errors import InputError
+from ..files import require_writable_folder
 from .chase_state import Decision, Transition
 from .frame import Frame
 from .json_forms import schema_of
@@ -31,8 +32,8 @@ def new_log_file(path: Path) -> IO[bytes]:
     Raises:
         InputError: it exists already, or it cannot be made.
     """
+    require_writable_folder(path.parent)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         return open(path, "xb")
     except FileExistsError:
         raise InputError(f"cannot write the log {path}: it exists already") from None
@@ -49,8 +50,8 @@ class LogFile:
 
     def __init__(self, file: IO[bytes], head: LogHead) -> None:
         self._file, self._head = file, head
-        self._last_ns = head.began_ns
-        self._writer = Writer(file)
+        self._last_ns, self._messages = head.began_ns, 0
+        self._writer = Writer(file, enable_data_crcs=True)
         self._writer.start(library=f"swarmchase {head.version}")
         self._channel = {topic: self._new_channel(topic, form) for topic, form in FORMS.items()}
         form = head_form(head)
@@ -85,7 +86,8 @@ class LogFile:
     def _add(self, topic: str, time_ns: int, data: bytes) -> None:
         self._last_ns = max(self._last_ns, time_ns)
         wall_ns = self._head.wall_ns(time_ns)
-        self._writer.add_message(self._channel[topic], log_time=wall_ns, publish_time=wall_ns, data=data)
+        self._writer.add_message(self._channel[topic], wall_ns, data, publish_time=wall_ns, sequence=self._messages)
+        self._messages += 1
 
     def flush(self) -> None:
         """End the chunk, and hand everything to the operating system."""

@@ -10,7 +10,6 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 from ..errors import InputError
 from .chase_state import Decision, Transition
@@ -89,7 +88,7 @@ class ChaseRecorder:
         if self._thread.is_alive():
             self._failure = "cannot write the log: the disk does not answer"
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "ChaseRecorder":
         return self
 
     def __exit__(
