@@ -579,7 +579,7 @@ def test_a_disk_that_is_full_before_the_chase_is_refused(tmp_path: Path, monkeyp
 
 
 FULL = """
-import json, resource, signal, sys
+import json, resource, signal, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_live_log import a_decision, a_frame, a_transition, head_for, paper_scenario
@@ -593,6 +593,7 @@ while recorder.failure is None:
         for _ in range(6):
             told += 1
             recorder.record(a_decision(told, paper_scenario()))
+    time.sleep(0.01)
 recorder.record(a_transition())
 recorder.record_frame(frame)
 recorder.close()

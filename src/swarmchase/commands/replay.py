@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import secrets
 import sys
 import time
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.1
 MOST_ROWS = 20
+TOKEN_BYTES = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +30,7 @@ class ReplayCommand:
     file: Positional[Path]
     """The log: an .mcap file of swarmchase serve; one that was cut short will do."""
     page: str = "127.0.0.1:8800"
-    """HOST:PORT of the page."""
+    """HOST:PORT of the page; beyond this machine its address holds a token."""
     verify: bool = False
     """Ask the recorded controller again what it was asked, and compare the actions bit for bit. Exit code 1 if any is
     another one."""
@@ -53,22 +55,25 @@ class ReplayCommand:
             sys.exit(1)
 
     def _show(self, recording: "Recording") -> None:
-        from ..live.address import host_and_port
+        """The page is there at once; a long log takes some seconds to be all there."""
+        from ..live.address import host_and_port, is_loopback
         from ..live.page.feed import Feed
         from ..live.page.server import PageServer
         from ..live.page_info import page_info
         from ..live.stop_request import stop_request
 
-        host, port = host_and_port(self.page)
         if not recording.num_frames:
             raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")
+        host, port = host_and_port(self.page)
         feed = Feed(page_info(recording.head) | {"duration_s": round(recording.seconds, 3)}, is_live=False)
-        for frame in recording.frames():
-            feed.publish(frame)
         with stop_request() as request:
-            server = PageServer(feed, host, port)
+            server = PageServer(feed, host, port, None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES))
             try:
                 _tell(f"The page is at {server.url}; Ctrl-C ends it.")
+                for frame in recording.frames():
+                    feed.publish(frame)
+                    if request.made:
+                        return
                 while not request.made:
                     time.sleep(LOOK_S)
             finally:

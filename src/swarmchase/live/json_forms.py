@@ -3,7 +3,7 @@
 import sys
 import types
 from collections.abc import Callable
-from functools import cache
+from functools import cache, reduce
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 SIMPLE_TYPES = ("string", "number", "integer", "boolean", "object")
@@ -56,10 +56,11 @@ def _is_simple(schema: dict[str, Any]) -> bool:
 
 Check = Callable[[Any], bool]
 
+_NUMBER_TYPES = frozenset({float, int})
 _CHECK: dict[Any, Check] = {
     Any: lambda _: True,
     str: lambda value: type(value) is str,
-    float: lambda value: type(value) in {float, int} and abs(value) <= sys.float_info.max,
+    float: lambda value: type(value) in _NUMBER_TYPES and abs(value) <= sys.float_info.max,
     int: lambda value: type(value) is int and -(2**63) <= value < 2**64,
     bool: lambda value: type(value) is bool,
     type(None): lambda value: value is None,
@@ -80,11 +81,15 @@ def form_check(kind: Any) -> Check:
         return _object_check({name: form_check(hint) for name, hint in get_type_hints(kind).items()})
     checks = [form_check(one) for one in inner]
     if origin in {Union, types.UnionType}:
-        return lambda value: any(check(value) for check in checks)
+        return reduce(_either, checks)
     if origin is list:
         return lambda value: type(value) is list and all(map(checks[0], value))
     assert origin is dict, kind
     return lambda value: type(value) is dict and all(map(checks[1], value.values()))
+
+
+def _either(one: Check, other: Check) -> Check:
+    return lambda value: one(value) or other(value)
 
 
 def _object_check(fields: dict[str, Check]) -> Check:

@@ -125,10 +125,10 @@ class ChaseRecorder:
             self._failure = self._failure or f"cannot write the log: {reason or error}"
 
     def _write_waiting(self) -> None:
-        """Write and flush all that waits, or count what is lost."""
+        """Write and flush what waits now, or count what is lost."""
         unflushed: Counter[str] = Counter()
         try:
-            while self._waiting:
+            for _ in range(len(self._waiting)):
                 item = self._waiting.popleft()
                 unflushed[_kind(item)] += 1
                 if self._failure is None:
