@@ -63,7 +63,7 @@ class ConfirmedButton {
     this.label = label;
     this.question = question;
     this.act = act;
-    this.armedMs = null;
+    this.disarm();
     button.addEventListener("click", () => this.click());
   }
 
