@@ -11,8 +11,9 @@ FAST = 1
 class History:
     """Frames as compressed text, in the order of their time. Not thread-safe.
 
-    When it is full, the older half is thinned to about half of what it was, evenly over its time. The steps there grow
-    with the chase's duration alone, so that after hours every part of it can still be looked at.
+    When it is full, the older half is thinned to about half of what it was, evenly over its time: no step between two
+    frames is made longer than the chase's duration times 8 / ``most_frames``, so that after hours every part of it can
+    still be looked at.
 
     Args:
         most_frames: no more than this many are kept; at least 8.
@@ -48,12 +49,12 @@ class History:
         return self._packed[min(around, key=lambda index: abs(self._time_s[index] - time_s))]
 
     def _thin(self) -> None:
-        """Of the older half keep the first, then whatever is a step later than the last one kept."""
+        """Of the older half drop each frame whose neighbours are no more than a step apart: about half of them stay."""
         half = len(self._time_s) // 2
-        step_s = (self._time_s[half] - self._time_s[0]) / (half // 2)
+        step_s = 4 * (self._time_s[half] - self._time_s[0]) / half
         kept = [0]
         for index in range(1, half):
-            if self._time_s[index] - self._time_s[kept[-1]] >= step_s and len(kept) < half - 1:
+            if self._time_s[index + 1] - self._time_s[kept[-1]] > step_s:
                 kept.append(index)
         self._time_s = [self._time_s[index] for index in kept] + self._time_s[half:]
         self._packed = [self._packed[index] for index in kept] + self._packed[half:]
