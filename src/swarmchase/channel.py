@@ -20,7 +20,7 @@ from scipy.special import j0, jv
 
 from .array_types import Float, Tensor
 from .scenario import NUM_TRACKERS, Scenario
-from .streams import ChaseKey, ChaseStreams
+from .streams import ChaseKey, ChaseStreams, Purpose
 
 DISCARDED_POWER = 1e-9
 """Share of the scattered power that the truncated eigendecomposition may leave out (its error in any covariance)."""
@@ -94,9 +94,9 @@ class FadingProcess:
             self._frequency_hz = torch.from_numpy(frequency_hz).to(device)
             self._harmonic_amplitude = scattered_amplitude * math.sqrt(0.5 / len(frequency_hz))
 
-    def begin(self, keys: list[ChaseKey]) -> FadingState:
-        """The fading of these chases before their first window."""
-        streams = ChaseStreams.of(keys, "fading")
+    def begin(self, keys: list[ChaseKey], purpose: Purpose = "fading") -> FadingState:
+        """The fading of these chases before their first window, from the streams of this purpose."""
+        streams = ChaseStreams.of(keys, purpose)
         los_phase_rad = harmonics = None
         if self._scenario.continuity == "continuous":
             normals = streams.standard_normal(NUM_TRACKERS, 2, len(self._frequency_hz)).to(self._device)

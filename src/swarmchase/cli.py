@@ -1,5 +1,5 @@
 """The command line: ``swarmchase chase | evaluate | compare | reproduce | train a3c | train batched | benchmark ... |
-keys | serve | replay | tracker``.
+keys | live | serve | replay | tracker``.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
 ``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
@@ -25,6 +25,7 @@ from .commands.chase import ChaseCommand
 from .commands.compare import CompareCommand
 from .commands.evaluate import EvaluateCommand
 from .commands.keys import KeysCommand
+from .commands.live import LiveCommand
 from .commands.replay import ReplayCommand
 from .commands.reproduce import ReproduceCommand
 from .commands.serve import ServeCommand
@@ -58,6 +59,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark training": BenchmarkTrainingCommand,
     "benchmark batched": BenchmarkBatchedCommand,
     "keys": KeysCommand,
+    "live": LiveCommand,
     "serve": ServeCommand,
     "replay": ReplayCommand,
     "tracker": TrackerCommand,

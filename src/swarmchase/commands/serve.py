@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
@@ -58,6 +59,10 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     """Of any tracker's set-points."""
     minimum_separation_m: float = 1.0
     """Of any two trackers."""
+    page: str | None = None
+    """HOST:PORT of a page to watch and command the chase; beyond this machine its address holds a token."""
+    log: Path | None = None
+    """A new .mcap file for the log; swarmchase replay shows it."""
     json: bool = False
     """Print how the chase ended as one JSON object on standard output."""
 
@@ -70,7 +75,7 @@ class ServeCommand(ScenarioOptions, LinkOptions):
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
-        controller = self._ready_controller(scenario)
+        controller = ready_controller(self.controller, scenario, self.seed)
         folder = self.folder()
         with line_printer() as tell, stop_request() as request:
             # The state file keeps a second service of this folder out; so nobody else takes the same epoch.
@@ -96,41 +101,30 @@ class ServeCommand(ScenarioOptions, LinkOptions):
         request: "StopRequest",
         tell: "Tell",
     ) -> "ServeSummary":
+        from ..live.audience import Audience, AudienceOptions
         from ..live.clock import MonotonicClock
+        from ..live.log_entries import new_head
         from ..live.operator_words import OperatorWords
-        from ..live.serve_loop import Journal, ServeLoop
+        from ..live.serve_loop import ServeLoop
         from ..live.service import ControllerService
-        from ..live.tracker_news import TrackerNews
 
-        journal = Journal(tell)
+        clock, chase = MonotonicClock(), 0
+        head = new_head(self.controller, scenario, self.seed, chase, epoch, limits, clock.now_ns())
+        audience = Audience(AudienceOptions(self.page, self.log), head, link, tell)
         service = ControllerService(
-            scenario, controller, link, MonotonicClock(), limits, journal, epoch, self.seed, settings=settings
+            scenario, controller, link, clock, limits, audience.journal, epoch, self.seed, chase, settings
         )
         tell("Listening on {}:{}, ".format(*link.address) + f"controller {controller.name}, epoch {epoch}.")
         if self.start:
             service.start()
         else:
             tell("Waiting for the word start.")
-        words = [OperatorWords(STANDARD_INPUT).read]
-        return ServeLoop(service, link, journal, words, request, tell, [TrackerNews(tell)], self.stay).run()
-
-    def _ready_controller(self, scenario: "Scenario") -> "Controller":
-        """Loaded, and asked once: the first time takes longest."""
-        import torch
-
-        from ..controllers import load_controller
-        from ..formation import tracker_position_m
-        from ..observation import Observation
-
-        if self.controller == "oracle":
-            raise InputError("the oracle knows where a simulated target is; real ones do not tell")
-        explain_choice(self.controller, scenario)
-        controller = load_controller(self.controller, scenario)
-        place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
-        rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)
-        observation = Observation(rssi_dbm, place_m[:, None].expand(-1, scenario.window_samples, -1, -1))
-        controller.decide(observation, controller.begin(1, self.seed))
-        return controller
+        words = [OperatorWords(STANDARD_INPUT).read, *audience.words]
+        loop = ServeLoop(service, link, audience.journal, words, request, tell, audience.watchers, self.stay)
+        try:
+            return loop.run()
+        finally:
+            audience.close()
 
     def limits(self) -> "SafetyLimits":
         """The safety limits that the options say."""
@@ -143,3 +137,26 @@ class ServeCommand(ScenarioOptions, LinkOptions):
         from ..live.service import ServiceSettings
 
         return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
+
+
+def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller":
+    """A controller for real trackers, loaded, and asked once: the first time takes longest.
+
+    Raises:
+        InputError: there is none of this name, or it needs to know the target.
+    """
+    import torch
+
+    from ..controllers import load_controller
+    from ..formation import tracker_position_m
+    from ..observation import Observation
+
+    if name == "oracle":
+        raise InputError("the oracle knows where a simulated target is; real ones do not tell")
+    explain_choice(name, scenario)
+    controller = load_controller(name, scenario)
+    place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
+    rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)
+    observation = Observation(rssi_dbm, place_m[:, None].expand(-1, scenario.window_samples, -1, -1))
+    controller.decide(observation, controller.begin(1, seed))
+    return controller

@@ -45,6 +45,8 @@ class TrackerCommand(LinkOptions):
     """Holds the API key of the Kismet server."""
     serial_baud: int = 115_200
     """Of a serial source."""
+    same_clock: bool = False
+    """Times in udp datagrams are of this machine's monotonic clock: they come from another process here."""
     position_m: tuple[float, float, float] | None = None
     """X Y Z where a simulated vehicle starts."""
     autopilot_origin_m: tuple[float, float, float] | None = None

@@ -1,5 +1,7 @@
 """HOST:PORT as people write it."""
 
+import ipaddress
+
 from ..errors import InputError
 
 LOOPBACK = "127.0.0.1"
@@ -37,3 +39,11 @@ def kind_and_place(text: str, kinds: dict[str, str], what: str) -> tuple[str, st
         allowed = ", ".join(f"{name}:{wanted}" if wanted else name for name, wanted in kinds.items())
         raise InputError(f"{what} {text!r} is refused: allowed is one of {allowed}")
     return kind, place
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach it; a name counts by what it is known for."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -11,7 +11,6 @@ import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from ..errors import InputError
 from ..scenario import NUM_TRACKERS
@@ -30,20 +29,18 @@ from .mavlink_packet import LONGEST_PACKET_BYTES, SEQUENCE_PLACE, Header, Packet
 from .mavlink_timestamps import Timestamps
 from .messages import Message, Report, SetPoint
 from .rejection import Reason, RejectedError
+from .udp_socket import Address, DatagramSocket
 
 MOST_DATAGRAMS = 1024
 """That one call takes from the socket; what is left waits for the next, or is dropped by the system."""
 MOST_OF_ONE_SENDER = 32
 """That one call checks and decodes, the newest: a flood in the name of one tracker does not crowd out another."""
 
-Address = tuple[Any, ...]
-"""As the socket module has it: host and port, and two more for IPv6."""
-
 
 class _UdpEnd:
     """What both ends do with their socket."""
 
-    def __init__(self, udp: socket.socket, reader: PacketReader, writer: PacketWriter, timestamps: Timestamps) -> None:
+    def __init__(self, udp: DatagramSocket, reader: PacketReader, writer: PacketWriter, timestamps: Timestamps) -> None:
         self._socket = udp
         self._reader = reader
         self._writer = writer
@@ -115,6 +112,7 @@ class ControllerMavlinkLink(_UdpEnd, Link):
             clocks are ahead; see ``mavlink_timestamps``.
         unsigned: do without keys; only on the loopback interface.
         wall_time_ns: real time since 1970.
+        udp: instead of a socket of its own.
 
     Raises:
         InputError: the address cannot be bound, keys or state file are refused, or ``unsigned`` is not allowed.
@@ -129,13 +127,14 @@ class ControllerMavlinkLink(_UdpEnd, Link):
         state_path: Path | None = None,
         unsigned: bool = False,
         wall_time_ns: Callable[[], int] = time.time_ns,
+        udp: DatagramSocket | None = None,
     ) -> None:
         family, address = _resolve(host, port)
         _require_keys_or_loopback(address, keys, unsigned)
         self._keys: Mapping[int, bytes | None] = keys or dict.fromkeys(range(NUM_TRACKERS))
         self._addresses: dict[int, Address] = {}
         peers = [Peer(tracker, system_of(tracker), TRACKER_COMPONENT, key) for tracker, key in self._keys.items()]
-        udp = _new_socket(family, address)
+        udp = udp or _new_socket(family, address)
         try:
             systems = [system_of(tracker) for tracker in range(NUM_TRACKERS)]
             timestamps = Timestamps(systems, state_path, wall_time_ns)
@@ -184,6 +183,7 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         state_path: remembers timestamps over restarts: see ``mavlink_timestamps``.
         unsigned: do without a key; only if the controller is on the loopback interface.
         wall_time_ns: real time since 1970.
+        udp: instead of a socket of its own.
 
     Raises:
         InputError: no such tracker or address, key or state file are refused, or ``unsigned`` is not allowed.
@@ -199,6 +199,7 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         state_path: Path | None = None,
         unsigned: bool = False,
         wall_time_ns: Callable[[], int] = time.time_ns,
+        udp: DatagramSocket | None = None,
     ) -> None:
         if not 0 <= tracker < NUM_TRACKERS:
             raise InputError(f"tracker = {tracker} is refused: allowed is 0 to {NUM_TRACKERS - 1}")
@@ -210,7 +211,7 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         peers = [Peer(tracker, CONTROLLER_SYSTEM, CONTROLLER_COMPONENT, key)]
         writer = PacketWriter(system_of(tracker), TRACKER_COMPONENT, timestamps)
         # Without keys it is bound to the loopback interface: nothing from outside may reach it.
-        udp = _new_socket(family, (self._controller[0], 0) if unsigned else None)
+        udp = udp or _new_socket(family, (self._controller[0], 0) if unsigned else None)
         super().__init__(udp, PacketReader(peers, SetPointDecoder(), timestamps), writer, timestamps)
 
     def send(self, message: Message) -> None:

@@ -54,8 +54,8 @@ class ServiceSettings:
     """With enough trackers it waits so long for the others before it begins."""
     arrival_tolerance_m: float = 0.3
     """A tracker this near to its place has arrived."""
-    settle_s: float = 0.3
-    """Then it swings for a moment: samples count from so long after its arrival."""
+    settle_s: float = 0.8
+    """Then it brakes and swings for a moment: samples count from so long after its arrival."""
     move_allowance_s: float = 5.0
     """A movement may take twice its shortest time and this."""
     sampling_allowance_s: float = 2.0

@@ -47,6 +47,8 @@ class SourceDetails:
     kismet_token_file: Path | None = None
     """Holds the API key of the Kismet server."""
     serial_baud: int = 115_200
+    same_clock: bool = False
+    """The times in datagrams are of this machine's monotonic clock: they come from another process here."""
 
 
 def open_source(text: str, sampling_hz: float, details: SourceDetails) -> RssiSource:
@@ -60,7 +62,7 @@ def open_source(text: str, sampling_hz: float, details: SourceDetails) -> RssiSo
         "replay": lambda: ReplaySource(_rows(Path(place), details)),
         "jsonl": lambda: _standard_input(place),
         "serial": lambda: JsonLinesSource(open_serial_port(Path(place), details.serial_baud)),
-        "udp": lambda: _datagrams(*host_and_port(place, LOOPBACK)),
+        "udp": lambda: _datagrams(*host_and_port(place, LOOPBACK), details.same_clock),
         "kismet": lambda: _kismet(place, details),
         "pcap": lambda: PcapSource(Path(place), details.transmitter_mac),
         "simulated": lambda: _simulated(place, sampling_hz),
@@ -74,8 +76,8 @@ def _standard_input(place: str) -> JsonLinesSource:
     return JsonLinesSource(STANDARD_INPUT)
 
 
-def _datagrams(host: str, port: int) -> JsonDatagramSource:
-    return JsonDatagramSource(port, host)
+def _datagrams(host: str, port: int, same_clock: bool) -> JsonDatagramSource:
+    return JsonDatagramSource(port, host, same_clock)
 
 
 def _kismet(url: str, details: SourceDetails) -> KismetSource:

@@ -1,8 +1,28 @@
-"""A UDP socket that is listened on."""
+"""UDP sockets: one that is listened on, and what the links need of one."""
 
 import socket
+from typing import Any, Protocol
 
 from ..errors import InputError
+
+Address = tuple[Any, ...]
+"""As the socket module has it: host and port, and two more for IPv6."""
+
+
+class DatagramSocket(Protocol):
+    """What the links use of a non-blocking socket; a simulation has others."""
+
+    def recvfrom(self, size: int, /) -> tuple[bytes, Any]:
+        """The next datagram and who sent it; ``OSError`` where none waits."""
+
+    def sendto(self, datagram: bytes, address: Any, /) -> int:
+        """Send it, or lose it."""
+
+    def getsockname(self) -> Any:
+        """Its own address."""
+
+    def close(self) -> None:
+        """Give it back."""
 
 
 def bound_udp_socket(host: str, port: int) -> socket.socket:

@@ -1,0 +1,93 @@
+"""``swarmchase live``: the whole live system on this machine, with a simulated target."""
+
+import dataclasses
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from ..errors import InputError
+from ..files import require_writable_folder
+from .options import ScenarioOptions
+from .terminal import CONSOLE, line_printer, print_json
+
+if TYPE_CHECKING:
+    from ..simulation.live_chase import LiveSummary
+
+STANDARD_INPUT = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveCommand(ScenarioOptions):
+    """Chase a simulated target with six tracker processes, a link that can fail, the controller service and its page,
+    in real time. Standard input takes the words of swarmchase serve: hold, resume, reached, abort, quit."""
+
+    controller: str = "recurrent"
+    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
+    or the path of a weights file."""
+    seed: int = 0
+    """Seed of the run the chase belongs to."""
+    chase: int = 0
+    """Number of the chase in its run: the target and the channel are those of swarmchase evaluate."""
+    faults: str = ""
+    """What is to go wrong, such as loss=0.15,silent=2@10-20,restart=4@30; docs/live.md has the words."""
+    page: str = "127.0.0.1:8800"
+    """HOST:PORT of the page."""
+    headless: bool = False
+    """No page."""
+    log: Path | None = None
+    """A new file for the log; default is one named after the time, in live-output/."""
+    reached_windows: int = 2
+    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
+    minimum_trackers: int = 4
+    """With fewer that are heard and can be commanded, the service holds."""
+    json: bool = False
+    """Print how the chase ended as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Chase, and say how it ended."""
+        from ..live.audience import AudienceOptions
+        from ..live.operator_words import OperatorWords
+        from ..live.service import ServiceSettings
+        from ..live.stop_request import stop_request
+        from ..simulation.fault_plan import fault_plan
+        from ..simulation.live_chase import LiveChase, run_live_chase
+        from .serve import ready_controller
+
+        if self.seed < 0 or self.chase < 0:
+            raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
+        plan, scenario = fault_plan(self.faults), self.scenario()
+        settings = ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
+        controller = ready_controller(self.controller, scenario, self.seed)
+        audience = AudienceOptions(None if self.headless else self.page, self._log_path())
+        live = LiveChase(scenario, self.controller, self.seed, self.chase, plan, settings, audience)
+        words = [OperatorWords(STANDARD_INPUT).read]
+        with line_printer() as tell, stop_request() as request:
+            summary = run_live_chase(live, controller, words, request, tell, linger=not self.headless)
+        CONSOLE.print(_table(summary))
+        CONSOLE.print(f"See it again: swarmchase replay {audience.log}", markup=False, soft_wrap=True)
+        if self.json:
+            origin = {"controller": self.controller, "seed": self.seed, "chase": self.chase, "faults": self.faults}
+            print_json(origin | dataclasses.asdict(summary) | {"log": str(audience.log)})
+
+    def _log_path(self) -> Path:
+        if self.log is not None:
+            return self.log
+        folder = Path("live-output")
+        require_writable_folder(folder)
+        return folder / f"{datetime.now():%Y%m%d-%H%M%S}-seed{self.seed}-chase{self.chase}.mcap"
+
+
+def _table(summary: "LiveSummary") -> Table:
+    table = Table(show_header=False)
+    table.add_row("Ending", f"{summary.state}: {summary.reason}")
+    table.add_row("Target", f"{summary.distance_m:.2f} m from the centre" + ("; reached" if summary.reached else ""))
+    table.add_row("Movements", f"{summary.movements}")
+    table.add_row("Seconds", f"{summary.seconds:.0f}")
+    if summary.decision_latency_p99_ms is not None:
+        table.add_row("Decision, 99 % within", f"{summary.decision_latency_p99_ms:.1f} ms")
+    rejected = ", ".join(f"{count} {reason}" for reason, count in summary.rejected.items())
+    table.add_row("Datagrams rejected", rejected or "none")
+    return table

@@ -1,0 +1,97 @@
+"""Who follows a live chase: people at a page, a log, lines on a terminal. What they see never holds up what flies."""
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .address import host_and_port, is_loopback
+from .chronicle import Chronicle, FrameTaker
+from .log_entries import LogHead
+from .mavlink_link import ControllerMavlinkLink
+from .messages import Metres
+from .serve_loop import Journal, Tell, Watcher, Words
+from .tracker_news import TrackerNews
+
+TOKEN_BYTES = 16
+
+
+@dataclass(frozen=True)
+class AudienceOptions:
+    """What is to be shown and kept; None is not."""
+
+    page: str | None = None
+    """HOST:PORT of the page."""
+    log: Path | None = None
+    """A new MCAP file."""
+
+
+class Audience:
+    """Of one chase, from construction to ``close``.
+
+    Args:
+        head: what page and log say of the chase.
+        tell: prints a line.
+        target_m: where the target is, if somebody knows.
+
+    Raises:
+        InputError: the page's address cannot be had, the log exists or cannot be written, or a package is missing.
+    """
+
+    def __init__(
+        self,
+        options: AudienceOptions,
+        head: LogHead,
+        link: ControllerMavlinkLink,
+        tell: Tell,
+        target_m: Callable[[], Metres | None] = lambda: None,
+    ) -> None:
+        self.words: list[Words] = []
+        """Where people at the page speak."""
+        self._closers: list[Callable[[], None]] = []
+        self._alarms: list[Callable[[], list[str]]] = []
+        takers: list[FrameTaker] = []
+        self.journal = Journal(tell)
+        """The service's recorder."""
+        try:
+            if options.log is not None:
+                takers.append(self._open_log(options.log, head, tell))
+            if options.page is not None:
+                takers.append(self._open_page(options.page, head, tell))
+        except Exception:
+            self.close()
+            raise
+        chronicle = Chronicle(link, head.began_ns, takers, self._all_alarms, target_m)
+        self.watchers: list[Watcher] = [TrackerNews(tell), *([chronicle] if takers else [])]
+        """Want to see the service after every step."""
+
+    def close(self) -> None:
+        """End the page, and write the rest of the log."""
+        while self._closers:
+            self._closers.pop()()
+
+    def _open_log(self, path: Path, head: LogHead, tell: Tell) -> FrameTaker:
+        from .recorder import ChaseRecorder
+
+        recorder = ChaseRecorder(path, head)
+        self._closers.append(recorder.close)
+        self._alarms.append(lambda: recorder.alarms)
+        self.journal = Journal(tell, recorder.record)
+        tell(f"The log is {path}.")
+        return recorder.record_frame
+
+    def _open_page(self, address: str, head: LogHead, tell: Tell) -> FrameTaker:
+        from .page.feed import Feed
+        from .page.server import PageServer
+        from .page_info import page_info
+
+        host, port = host_and_port(address)
+        feed = Feed(page_info(head), is_live=True)
+        server = PageServer(feed, host, port, None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES))
+        self._closers.append(server.close)
+        self.words.append(feed.words)
+        tell(f"The page is at {server.url}")
+        return feed.publish
+
+    def _all_alarms(self) -> list[str]:
+        return [alarm for alarms in self._alarms for alarm in alarms()]

@@ -1,0 +1,175 @@
+"""What is to go wrong in a simulated live chase, as a person writes it: ``loss=0.15,silent=2@10-20,restart=4@30``.
+
+Shares are of the datagrams of each direction of each tracker's link; seconds count from the start of the chase.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+from ..errors import InputError
+from ..live.faulty_path import Faults
+from ..scenario import NUM_TRACKERS
+
+HELP = (
+    "loss=SHARE, burst=SHARE (in bursts of ten), delay=SECONDS, jitter=SECONDS, duplicate=SHARE, reorder=SHARE, "
+    "replay=SHARE, outage=START-END, forge=PER_SECOND (forged datagrams), and for one tracker 0 to 5: silent, stuck, "
+    "garbage, wrong, delayed, intermittent=TRACKER@START[-END] (its receiver), slow, frozen=TRACKER@START[-END] (its "
+    "process), kill, restart=TRACKER@START"
+)
+
+
+class ReceiverFault(StrEnum):
+    """What a receiver does; PX4's failure injection has the same words."""
+
+    SILENT = "silent"
+    """Reports nothing."""
+    STUCK = "stuck"
+    """Repeats its last level."""
+    GARBAGE = "garbage"
+    """Reports what no receiver can have meant."""
+    WRONG = "wrong"
+    """Adds 20 dB."""
+    DELAYED = "delayed"
+    """Reports half a second late."""
+    INTERMITTENT = "intermittent"
+    """Is silent every second half second."""
+
+
+class ProcessFault(StrEnum):
+    """What happens to a tracker's process."""
+
+    SLOW = "slow"
+    """It gets a tenth of the time."""
+    FROZEN = "frozen"
+    """It stands still."""
+    KILL = "kill"
+    """It is killed, for good."""
+    RESTART = "restart"
+    """It is killed, and started again two seconds later."""
+
+
+RESTART_AFTER_S = 2.0
+
+
+@dataclass(frozen=True)
+class TrackerFault:
+    """Of one tracker, from ``start_s`` to ``end_s``."""
+
+    fault: ReceiverFault | ProcessFault
+    tracker: int
+    start_s: float
+    end_s: float = math.inf
+
+    def is_at_work(self, chase_s: float) -> bool:
+        """Whether it is, so many seconds into the chase."""
+        return self.start_s <= chase_s < self.end_s
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """All that is to go wrong in one chase. The default is nothing."""
+
+    link: Faults = field(default_factory=Faults)
+    forged_hz: float = 0.0
+    """Datagrams a second that somebody sends to the controller in the trackers' names."""
+    trackers: tuple[TrackerFault, ...] = ()
+
+    def of_receiver(self, tracker: int, chase_s: float) -> ReceiverFault | None:
+        """What is wrong with this receiver at this moment; the last one named where there are several."""
+        found = [fault.fault for fault in self.trackers if fault.tracker == tracker and fault.is_at_work(chase_s)]
+        receivers = [one for one in found if isinstance(one, ReceiverFault)]
+        return receivers[-1] if receivers else None
+
+    def of_process(self, tracker: int, chase_s: float) -> list[TrackerFault]:
+        """What is wrong with this tracker's process at this moment."""
+        return [
+            fault
+            for fault in self.trackers
+            if isinstance(fault.fault, ProcessFault) and fault.tracker == tracker and fault.is_at_work(chase_s)
+        ]
+
+
+def fault_plan(text: str) -> FaultPlan:
+    """The plan of ``HELP``'s words, divided by commas; an empty text is no fault.
+
+    Raises:
+        InputError: another word, or a value that cannot be.
+    """
+    plan = FaultPlan()
+    for item in filter(None, (part.strip() for part in text.split(","))):
+        word, equals, value = item.partition("=")
+        if not equals or word not in _WORDS:
+            raise InputError(f"fault {item!r} is refused: there are {HELP}")
+        try:
+            plan = _WORDS[word](plan, value)
+        except ValueError:
+            raise InputError(f"fault {item!r} is refused: there are {HELP}") from None
+    return plan
+
+
+def _of_link(name: str) -> Callable[[FaultPlan, str], FaultPlan]:
+    def change(plan: FaultPlan, value: str) -> FaultPlan:
+        values: dict[str, Any] = {name: float(value)}
+        return replace(plan, link=replace(plan.link, **values))
+
+    return change
+
+
+def _delay(plan: FaultPlan, value: str) -> FaultPlan:
+    # Both words in either order: what is checked is the pair.
+    delay_s = float(value)
+    return replace(plan, link=replace(plan.link, delay_s=max(delay_s, plan.link.jitter_s)))
+
+
+def _jitter(plan: FaultPlan, value: str) -> FaultPlan:
+    jitter_s = float(value)
+    return replace(plan, link=replace(plan.link, delay_s=max(jitter_s, plan.link.delay_s), jitter_s=jitter_s))
+
+
+def _outage(plan: FaultPlan, value: str) -> FaultPlan:
+    start, dash, end = value.partition("-")
+    if not dash:
+        raise ValueError(value)
+    return replace(plan, link=replace(plan.link, outages_s=(*plan.link.outages_s, (float(start), float(end)))))
+
+
+def _forge(plan: FaultPlan, value: str) -> FaultPlan:
+    forged_hz = float(value)
+    if not 0 <= forged_hz <= MOST_FORGED_HZ:
+        raise InputError(f"forge = {value} is refused: allowed is 0 to {MOST_FORGED_HZ:g} a second")
+    return replace(plan, forged_hz=forged_hz)
+
+
+MOST_FORGED_HZ = 100_000.0
+
+
+def _of_tracker(fault: ReceiverFault | ProcessFault) -> Callable[[FaultPlan, str], FaultPlan]:
+    def change(plan: FaultPlan, value: str) -> FaultPlan:
+        tracker, at, times = value.partition("@")
+        start, dash, end = times.partition("-")
+        takes_an_end = fault not in {ProcessFault.KILL, ProcessFault.RESTART}
+        start_s, end_s = float(start), float(end) if dash else math.inf
+        if not (at and tracker.isdigit() and int(tracker) < NUM_TRACKERS and 0 <= start_s < end_s):
+            raise ValueError(value)
+        if dash and not takes_an_end:
+            raise ValueError(value)
+        return replace(plan, trackers=(*plan.trackers, TrackerFault(fault, int(tracker), start_s, end_s)))
+
+    return change
+
+
+_WORDS: dict[str, Callable[[FaultPlan, str], FaultPlan]] = {
+    "loss": _of_link("loss"),
+    "burst": _of_link("burst_loss"),
+    "delay": _delay,
+    "jitter": _jitter,
+    "duplicate": _of_link("duplication"),
+    "reorder": _of_link("reordering"),
+    "replay": _of_link("replay"),
+    "outage": _outage,
+    "forge": _forge,
+    **{str(fault): _of_tracker(fault) for kind in (ReceiverFault, ProcessFault) for fault in kind},
+}

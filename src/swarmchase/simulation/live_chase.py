@@ -1,0 +1,220 @@
+"""``swarmchase live``: one simulated chase in real processes, over real sockets, in real time.
+
+This process holds the controller service, its page and its log, the very ones that ``swarmchase serve`` has; the stage,
+a process of its own, plays everything else.
+"""
+
+import multiprocessing
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ..controllers.protocol import Controller
+from ..errors import WorkerDiedError
+from ..live.address import LOOPBACK
+from ..live.audience import Audience, AudienceOptions
+from ..live.chase_state import ChaseState, Snapshot
+from ..live.clock import MonotonicClock
+from ..live.keys import new_keys, write_keys
+from ..live.log_entries import new_head
+from ..live.mavlink_link import ControllerMavlinkLink
+from ..live.messages import Metres
+from ..live.safety import SafetyLimits
+from ..live.serve_loop import ServeLoop, ServeSummary, Tell, Words
+from ..live.service import ControllerService, ServiceSettings
+from ..live.state_folder import next_epoch
+from ..live.stop_request import StopRequest
+from ..scenario import Scenario
+from .fault_plan import FaultPlan
+from .stage import READY_S, Announcement, Failure, Play, Ready, Truth, run_stage
+
+END_S = 15.0
+"""So long the stage may take to end six processes."""
+
+
+@dataclass(frozen=True)
+class LiveChase:
+    """What is to be chased, and how."""
+
+    scenario: Scenario
+    controller: str
+    seed: int
+    chase: int
+    plan: FaultPlan
+    settings: ServiceSettings
+    audience: AudienceOptions
+
+
+@dataclass(frozen=True)
+class LiveSummary(ServeSummary):
+    """How it ended, as the service tells it, and what only a simulation knows."""
+
+    reached: bool
+    """The service says so, and the swarm's centre is within the success radius."""
+    distance_m: float
+    """From the centre to the target at the end."""
+    movements_to_target: int | None
+    """When the centre first was within the success radius; None where it never was."""
+
+
+class Stage:
+    """This side of the stage's process.
+
+    Raises:
+        WorkerDiedError: it could not begin, or has ended by itself.
+    """
+
+    def __init__(self, play: Play) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, other_end = context.Pipe()
+        self._process = context.Process(target=run_stage, args=(play, other_end), name="stage")
+        self._process.start()
+        other_end.close()
+        self.truth: Truth | None = None
+        self._is_ready = False
+        self._announced_ns: int | None = None
+
+    def wait(self, stopped: Callable[[], bool]) -> None:
+        """Until all trackers are there, or ``stopped`` says so."""
+        deadline_s = time.monotonic() + 2 * READY_S
+        while not (self._is_ready and self.truth) and not stopped():
+            self._hear(0.1)
+            if time.monotonic() > deadline_s:
+                raise WorkerDiedError(f"the simulated site was not ready after {2 * READY_S:g} s")
+
+    def watch(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
+        """Hear what it says, and tell it where the service's window begins."""
+        self._hear(0.0)
+        since_ns, center_m = snapshot.window_since_ns, snapshot.center_m
+        if since_ns is not None and center_m is not None and since_ns != self._announced_ns:
+            self._announced_ns = since_ns
+            self._connection.send(Announcement(since_ns, center_m))
+
+    def close(self) -> None:
+        """End it and all of its processes."""
+        self._connection.close()
+        self._process.join(END_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._process.close()
+
+    def _hear(self, wait_s: float) -> None:
+        try:
+            while self._connection.poll(wait_s):
+                wait_s = 0.0
+                message = self._connection.recv()
+                if isinstance(message, Failure):
+                    raise WorkerDiedError(f"the simulated site has ended: {message.reason}")
+                if isinstance(message, Truth):
+                    self.truth = message
+                self._is_ready |= isinstance(message, Ready)
+        except (EOFError, ConnectionResetError):
+            self._process.join(END_S)
+            raise WorkerDiedError(
+                f"the simulated site has died with exit code {self._process.exitcode} (a negative one is the signal "
+                "that killed it)"
+            ) from None
+
+
+class _Progress:
+    """Notes when the target was reached first, whoever knows of it."""
+
+    def __init__(self, stage: Stage, scenario: Scenario) -> None:
+        self._stage, self._radius_m = stage, scenario.success_radius_m
+        self.movements_to_target: int | None = None
+
+    def __call__(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
+        truth = self._stage.truth
+        if self.movements_to_target is None and snapshot.state is ChaseState.SAMPLING and truth is not None:
+            near = truth.distance_m <= self._radius_m
+            self.movements_to_target = snapshot.movements if near else None
+
+
+def run_live_chase(
+    live: LiveChase, controller: Controller, words: Sequence[Words], request: StopRequest, tell: Tell, linger: bool
+) -> LiveSummary:
+    """Chase until it has ended.
+
+    Args:
+        controller: ready to decide.
+        linger: go on showing the page after the end, until the request is made.
+
+    Raises:
+        InputError: the page's or the log's place cannot be had.
+        WorkerDiedError: a process of the simulated site has died.
+    """
+    with tempfile.TemporaryDirectory(prefix="swarmchase-live-") as name:
+        folder = Path(name)
+        keys = new_keys()
+        for tracker, key in keys.items():
+            write_keys(folder / f"tracker-{tracker}.keys", {tracker: key})
+        limits, epoch = SafetyLimits(), next_epoch(folder / "controller.epoch")
+        link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / "controller.timestamps")
+        stage: Stage | None = None
+        audience: Audience | None = None
+        try:
+            head = new_head(
+                live.controller, live.scenario, live.seed, live.chase, epoch, limits, MonotonicClock().now_ns()
+            )
+            site = Stage(Play(live.scenario, live.seed, live.chase, live.plan, link.address[1], folder))
+            stage = site
+            audience = Audience(live.audience, head, link, tell, lambda: _target_m(site))
+            tell("Six trackers are starting.")
+            stage.wait(lambda: request.made)
+            progress = _Progress(stage, live.scenario)
+            service = ControllerService(
+                live.scenario,
+                controller,
+                link,
+                MonotonicClock(),
+                limits,
+                audience.journal,
+                epoch,
+                live.seed,
+                live.chase,
+                live.settings,
+            )
+            if not request.made:
+                service.start()
+            loop = ServeLoop(
+                service,
+                link,
+                audience.journal,
+                [*words, *audience.words],
+                request,
+                tell,
+                [stage.watch, progress, *audience.watchers],
+            )
+            summary = loop.run()
+            told = _summary(summary, stage, live.scenario, progress.movements_to_target)
+            stage.close()
+            stage = None
+            if linger and not request.made:
+                tell("The page stays until Ctrl-C.")
+                while not request.made:
+                    time.sleep(0.1)
+            return told
+        finally:
+            if audience is not None:
+                audience.close()
+            if stage is not None:
+                stage.close()
+            link.close()
+
+
+def _target_m(stage: Stage) -> Metres | None:
+    return None if stage.truth is None else stage.truth.target_m
+
+
+def _summary(summary: ServeSummary, stage: Stage, scenario: Scenario, movements_to_target: int | None) -> LiveSummary:
+    distance_m = float("inf") if stage.truth is None else stage.truth.distance_m
+    near = distance_m <= scenario.success_radius_m
+    return LiveSummary(
+        **asdict(summary),
+        reached=near and summary.state == ChaseState.REACHED.value,
+        distance_m=round(distance_m, 3),
+        movements_to_target=movements_to_target,
+    )

@@ -1,0 +1,96 @@
+"""The target's transmissions as six receivers hear them at any moment of a live chase.
+
+In the windows that the controller listens to, the channel is that of the evaluation, sample by sample: window k of
+chase c of run s is the same in both. In between, while the trackers fly, other fading of the same law is heard. The
+controller tells nobody where its windows begin, so a simulation has to be told: ``announce``.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+
+from ..array_types import Float, Tensor
+from ..channel import FadingProcess, FadingState, fading_db, unfaded_dbm
+from ..live.messages import Metres
+from ..receivers import Receivers
+from ..scenario import NUM_TRACKERS, Scenario
+from ..target import draw_target_position_m
+
+BREAK_BEFORE_S, BREAK_AFTER_S = 0.1, 0.02
+"""Around the announced moment nothing is heard, and the window begins with the first sample after that: no two clocks
+need to agree better than this."""
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Fifty samples to be heard one after the other."""
+
+    fading_db: Float[Tensor, "tracker sample"]
+    receivers_db: Float[Tensor, "sample tracker"]
+    """What the receivers add; NaN where a sample goes missing."""
+
+
+class Radio:
+    """Of one chase. The swarm starts around the origin; metres are of the frame that all share."""
+
+    def __init__(self, scenario: Scenario, seed: int, chase: int) -> None:
+        keys = [(seed, chase)]
+        self._scenario = scenario
+        self._process, self._receivers = FadingProcess(scenario), Receivers(scenario)
+        self._fading, self._receiver_state = self._process.begin(keys), self._receivers.begin(keys)
+        self._between = self._process.begin(keys, "transit")
+        self._window: _Window | None = None
+        self._sample = 0
+        """The next one of the window."""
+        self._is_between = True
+        self._since_ns: int | None = None
+        """Of the announced window, until it begins."""
+        self._center_m: Tensor | None = None
+        self._target_m = draw_target_position_m(scenario, keys)
+
+    @property
+    def target_m(self) -> Metres:
+        """Where the target is."""
+        x_m, y_m, z_m = self._target_m[0].tolist()
+        return x_m, y_m, z_m
+
+    def announce(self, since_ns: int, center_m: Metres) -> None:
+        """The controller's next window is of what is sampled from this moment on, around this centre."""
+        center = torch.tensor([center_m], dtype=torch.float64)
+        if self._center_m is not None:
+            travel_m = (center - self._center_m).norm(dim=1)
+            self._fading = self._later(self._fading, travel_m)
+        self._center_m = center
+        self._since_ns = since_ns
+
+    def heard_dbm(self, time_ns: int, position_m: Float[Tensor, "tracker 3"]) -> list[float]:
+        """What the receivers at these places report of the sample taken now; NaN where that is nothing."""
+        if self._since_ns is not None and time_ns >= self._since_ns - BREAK_BEFORE_S * 1e9:
+            if time_ns < self._since_ns + BREAK_AFTER_S * 1e9:
+                return [math.nan] * NUM_TRACKERS
+            self._since_ns, self._is_between = None, False
+            self._open(self._fading)
+        elif self._window is None or self._sample == self._scenario.window_samples:
+            self._is_between = True
+            self._between = self._later(self._between, torch.zeros(1, dtype=torch.float64))
+            self._open(self._between)
+        assert self._window is not None
+        distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
+        arriving_dbm = self._window.fading_db[:, self._sample] + unfaded_dbm(self._scenario, distance_m)[0].float()
+        reported_dbm: list[float] = (arriving_dbm + self._window.receivers_db[self._sample]).tolist()
+        self._sample += 1
+        return reported_dbm
+
+    def _later(self, fading: FadingState, travel_m: Float[Tensor, "1"]) -> FadingState:
+        """As the environment has it after a movement."""
+        time_s = self._process.advanced_time_s(fading, travel_m / self._scenario.tracker_speed_mps)
+        return replace(fading, time_s=time_s)
+
+    def _open(self, fading: FadingState) -> None:
+        nothing_db = torch.zeros(1, self._scenario.window_samples, NUM_TRACKERS)
+        # The evaluation's receivers draw once a window; those between windows must not disturb them.
+        if not self._is_between:
+            nothing_db = self._receivers.reported_dbm(self._receiver_state, nothing_db)
+        self._window = _Window(fading_db(self._process.window(fading))[0], nothing_db[0])
+        self._sample = 0

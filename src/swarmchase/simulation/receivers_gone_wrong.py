@@ -1,0 +1,43 @@
+"""What a receiver that fails makes of what it hears."""
+
+import math
+from collections import deque
+from random import Random
+
+from ..live.sources import Sample
+from .fault_plan import ReceiverFault
+
+WRONG_DB = 20.0
+DELAY_S = 0.5
+HALF_SECOND_NS = 500_000_000
+ABSURD_DBM = (math.inf, -math.inf, 1e300, -1e4, 99.0)
+
+
+class FailingReceiver:
+    """One tracker's. It is asked sample by sample, in the order of time."""
+
+    def __init__(self, random: Random) -> None:
+        self._random = random
+        self._last_dbm = math.nan
+        self._waiting: deque[Sample] = deque()
+
+    def reported(self, sample: Sample, fault: ReceiverFault | None) -> list[Sample]:
+        """What it says when this sample was taken."""
+        time_ns, rssi_dbm = sample
+        self._waiting.append(sample)
+        delay_s = DELAY_S if fault is ReceiverFault.DELAYED else 0.0
+        due = [self._waiting.popleft() for _ in range(self._num_due(time_ns - round(delay_s * 1e9)))]
+        is_off = fault is ReceiverFault.INTERMITTENT and time_ns // HALF_SECOND_NS % 2 == 1
+        if is_off or fault is ReceiverFault.SILENT:
+            return []
+        if fault is ReceiverFault.STUCK:
+            return [(time_ns, self._last_dbm)]
+        if fault is ReceiverFault.GARBAGE:
+            return [(time_ns, self._random.choice(ABSURD_DBM))]
+        if fault is ReceiverFault.WRONG:
+            return [(time_ns, rssi_dbm + WRONG_DB)]
+        self._last_dbm = self._last_dbm if math.isnan(rssi_dbm) else rssi_dbm
+        return due
+
+    def _num_due(self, until_ns: int) -> int:
+        return sum(time_ns <= until_ns for time_ns, _ in self._waiting)

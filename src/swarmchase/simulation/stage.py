@@ -1,0 +1,175 @@
+"""The world process of ``swarmchase live``: the site, the link that fails, and the tracker processes.
+
+It runs beside the process that holds the controller service, and hears from it only where its windows begin, which
+keeps simulated windows in step with those of the evaluation.
+"""
+
+import json
+import math
+import select
+import signal
+import socket
+import time
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import torch
+
+from ..live.address import LOOPBACK
+from ..live.messages import Metres
+from ..live.sources import Sample
+from ..scenario import NUM_TRACKERS, Scenario
+from .autopilot import SimulatedAutopilot
+from .fault_plan import FaultPlan
+from .tracker_processes import TrackerPorts, TrackerProcesses, free_udp_ports
+from .udp_relay import UdpRelay
+from .world import World
+
+TICK_S = 0.005
+TRUTH_PERIOD_S = 0.2
+READY_S = 60.0
+"""So long six processes may take to start on a busy machine."""
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """To the stage: the controller's next window."""
+
+    since_ns: int
+    center_m: Metres
+
+
+@dataclass(frozen=True)
+class Truth:
+    """From the stage: what only it knows."""
+
+    target_m: Metres
+    distance_m: float
+    """From the swarm's centre to the target."""
+
+
+@dataclass(frozen=True)
+class Ready:
+    """From the stage: all trackers are there, and the chase may begin."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """From the stage: why it has ended."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Play:
+    """What the stage plays."""
+
+    scenario: Scenario
+    seed: int
+    chase: int
+    plan: FaultPlan
+    controller_port: int
+    folder: Path
+    """Holds the trackers' key files."""
+
+
+def run_stage(play: Play, connection: Connection) -> None:
+    """The whole life of the process: until the other end of the connection is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which then closes the connection
+    torch.set_num_threads(1)
+    try:
+        stage = _Stage(play, connection)
+    except Exception as error:
+        connection.send(Failure(str(error)))
+        return
+    try:
+        stage.run()
+    except (BrokenPipeError, ConnectionResetError):
+        return  # the command has gone
+    finally:
+        stage.close()
+
+
+class _Stage:
+    def __init__(self, play: Play, connection: Connection) -> None:
+        self._play, self._connection = play, connection
+        self._world = World(play.scenario, play.seed, play.chase, play.plan)
+        self._relay = UdpRelay(play.plan, play.controller_port, f"{play.seed} {play.chase}")
+        free = free_udp_ports(2 * NUM_TRACKERS)
+        ports = [
+            TrackerPorts(source, vehicle, controller)
+            for source, vehicle, controller in zip(
+                free[:NUM_TRACKERS], free[NUM_TRACKERS:], self._relay.ports, strict=True
+            )
+        ]
+        self._sources = [(LOOPBACK, one.source) for one in ports]
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._autopilots = [
+            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._world.vehicles, ports, strict=True)
+        ]
+        self._trackers = TrackerProcesses(play.scenario, play.plan, ports, play.folder)
+        self._start_ns: int | None = None
+        self._told_ns = 0
+
+    def run(self) -> None:
+        """Until the connection is closed, or a tracker fails."""
+        began_ns = time.monotonic_ns()
+        while not self._hears_the_end():
+            now_ns = time.monotonic_ns()
+            self._step(now_ns)
+            for tracker in self._trackers.died():
+                words = self._trackers.last_words(tracker)
+                self._connection.send(Failure(f"tracker {tracker} ended by itself: {words}"))
+                return
+            if self._start_ns is None and (now_ns - began_ns) / 1e9 > READY_S:
+                self._connection.send(Failure(f"after {READY_S:g} s not all trackers had started"))
+                return
+            passed_s = (time.monotonic_ns() - now_ns) / 1e9
+            select.select(self._relay.sockets, [], [], max(TICK_S - passed_s, 0))
+
+    def close(self) -> None:
+        self._trackers.close()
+        self._relay.close()
+        for autopilot in self._autopilots:
+            autopilot.close()
+        self._socket.close()
+
+    def _step(self, now_ns: int) -> None:
+        for address, samples in zip(self._sources, self._world.advance(now_ns), strict=True):
+            self._report(address, samples)
+        for autopilot in self._autopilots:
+            autopilot.step(now_ns)
+        self._relay.step(now_ns)
+        if self._start_ns is not None:
+            self._trackers.step((now_ns - self._start_ns) / 1e9)
+            self._tell_the_truth(now_ns)
+        elif all(autopilot.has_companion for autopilot in self._autopilots):
+            self._start_ns = now_ns
+            self._world.begin(now_ns)
+            self._relay.begin(now_ns)
+            self._tell_the_truth(now_ns)
+            self._connection.send(Ready())
+
+    def _report(self, address: tuple[str, int], samples: list[Sample]) -> None:
+        for time_ns, rssi_dbm in samples:
+            level_dbm = None if math.isnan(rssi_dbm) else rssi_dbm
+            record = json.dumps({"rssi_dbm": level_dbm, "time_ns": time_ns}).encode()
+            try:
+                self._socket.sendto(record, address)
+            except OSError:  # its tracker has gone
+                continue
+
+    def _tell_the_truth(self, now_ns: int) -> None:
+        if now_ns - self._told_ns >= TRUTH_PERIOD_S * 1e9:
+            self._told_ns = now_ns
+            self._connection.send(Truth(self._world.radio.target_m, self._world.distance_to_target_m()))
+
+    def _hears_the_end(self) -> bool:
+        try:
+            while self._connection.poll():
+                announcement: Announcement = self._connection.recv()
+                self._world.radio.announce(announcement.since_ns, announcement.center_m)
+        except (EOFError, ConnectionResetError):
+            return True
+        return False

@@ -1,0 +1,124 @@
+"""The six tracker processes of a simulated live chase, and what happens to them."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..live.address import LOOPBACK
+from ..live.udp_socket import bound_udp_socket
+from ..scenario import NUM_TRACKERS, Scenario
+from .fault_plan import RESTART_AFTER_S, FaultPlan, ProcessFault
+
+SLOW_PERIOD_S, SLOW_SHARE = 0.2, 0.1
+"""A slow tracker runs for this share of each period."""
+END_S = 5.0
+"""So long a tracker may take to end when it is told to."""
+
+
+@dataclass(frozen=True)
+class TrackerPorts:
+    """UDP ports of one tracker on this machine."""
+
+    source: int
+    """Where it hears its receiver."""
+    vehicle: int
+    """Where it hears its autopilot."""
+    controller: int
+    """What it dials."""
+
+
+class TrackerProcesses:
+    """Starts them and, in ``step``, does to them what the plan says.
+
+    Args:
+        folder: holds ``tracker-N.keys``; what they print goes to ``tracker-N.txt`` there.
+    """
+
+    def __init__(self, scenario: Scenario, plan: FaultPlan, ports: list[TrackerPorts], folder: Path) -> None:
+        self._scenario, self._plan, self._ports, self._folder = scenario, plan, ports, folder
+        self._running: dict[int, subprocess.Popen[bytes]] = {}
+        for tracker in range(NUM_TRACKERS):
+            self._start(tracker)
+
+    def step(self, chase_s: float) -> None:
+        """So many seconds into the chase."""
+        for tracker in range(NUM_TRACKERS):
+            faults = {fault.fault: fault for fault in self._plan.of_process(tracker, chase_s)}
+            restart = faults.get(ProcessFault.RESTART)
+            is_dead = ProcessFault.KILL in faults or (
+                restart is not None and chase_s < restart.start_s + RESTART_AFTER_S
+            )
+            if is_dead:
+                self._kill(tracker)
+            elif tracker not in self._running:
+                self._start(tracker)
+            else:
+                is_slow = ProcessFault.SLOW in faults and chase_s % SLOW_PERIOD_S > SLOW_SHARE * SLOW_PERIOD_S
+                stands_still = is_slow or ProcessFault.FROZEN in faults
+                self._send(tracker, signal.SIGSTOP if stands_still else signal.SIGCONT)
+
+    def died(self) -> list[int]:
+        """The trackers that have ended by themselves."""
+        return [tracker for tracker, process in self._running.items() if process.poll() is not None]
+
+    def last_words(self, tracker: int) -> str:
+        """The end of what it printed."""
+        lines = self._output(tracker).read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else ""
+
+    def close(self) -> None:
+        """End them all: told first, killed if need be."""
+        for tracker in self._running:
+            self._send(tracker, signal.SIGCONT)
+            self._send(tracker, signal.SIGTERM)
+        for process in self._running.values():
+            try:
+                process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._running.clear()
+
+    def _start(self, tracker: int) -> None:
+        ports, folder = self._ports[tracker], self._folder
+        words = [
+            *(sys.executable, "-m", "swarmchase", "tracker", "--number", str(tracker)),
+            *("--source", f"udp:{ports.source}", "--same-clock", "--sampling-hz", f"{self._scenario.sampling_hz:g}"),
+            *("--vehicle", f"mavlink:{ports.vehicle}", "--autopilot-origin-m", "0", "0", "0"),
+            *("--controller", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
+            *("--state-folder", str(folder / "state")),
+        ]
+        with open(self._output(tracker), "ab") as output:
+            # A group of its own: Ctrl-C is for the command that started all this, which then ends them.
+            self._running[tracker] = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+            )
+
+    def _kill(self, tracker: int) -> None:
+        process = self._running.pop(tracker, None)
+        if process is not None:
+            process.kill()
+            process.wait()
+
+    def _send(self, tracker: int, number: int) -> None:
+        process = self._running[tracker]
+        if process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, number)
+
+    def _output(self, tracker: int) -> Path:
+        return self._folder / f"tracker-{tracker}.txt"
+
+
+def free_udp_ports(number: int) -> list[int]:
+    """Of this machine; somebody else might take one before it is used."""
+    sockets = [bound_udp_socket(LOOPBACK, 0) for _ in range(number)]
+    try:
+        return [int(one.getsockname()[1]) for one in sockets]
+    finally:
+        for one in sockets:
+            one.close()
