@@ -37,6 +37,7 @@ ROOMS = [
     {"chase_log"},
     {"paper_results"},
     {"blocks"},
+    {"cluster"},
     {"reproduction", "comparison"},
     {"results_report", "comparison_report"},
     {"figures"},

@@ -5,11 +5,9 @@ chase. A world may differ from what the controllers are told (``robustness``).
 """
 
 import json
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from . import __version__
-from .blocks import Finished, Job, evaluate_jobs, save_table, weights_sha256
+from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table, weights_sha256
 from .chases import ChaseResult
 from .controllers import load_controller
 from .controllers.shipped import setting_name
@@ -56,7 +54,7 @@ class Place:
     def name(self) -> str:
         """In messages and file names."""
         setting = setting_name(self.told.sampling_hz, self.told.spatial_correlation)
-        return setting if self.world_name == AS_TOLD else f"{setting}-{_slug(self.world_name)}"
+        return setting if self.world_name == AS_TOLD else f"{setting}-{file_name(self.world_name)}"
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,10 @@ def comparison_jobs(controllers: Sequence[str], where: Sequence[Place], episodes
         if controller in controllers[:number]:
             raise InputError(f"controller {controller!r} is given twice")
     return [
-        (place, Job(f"{_slug(controller)}-{place.name}", controller, _told(controller, place), place.world, episodes))
+        (
+            place,
+            Job(f"{file_name(controller)}-{place.name}", controller, _told(controller, place), place.world, episodes),
+        )
         for place in where
         for controller in controllers
     ]
@@ -98,14 +99,17 @@ def compare(
     seed: int,
     processes: int,
     finished: Finished | None = None,
+    runner: Runner | None = None,
 ) -> list[Result]:
     """Run all chases, those of an earlier run excepted; the table lies in ``folder`` afterwards.
+
+    They run in processes of this machine, or by ``runner`` where that is given.
 
     Raises:
         InputError: no episodes, a folder that cannot be written, or a controller that is refused.
         WorkerDiedError: a process was killed.
     """
-    evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished)
+    evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner)
     results = [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
     save_table(folder / TABLE_FILE, comparison_table(results))
     return results
@@ -114,12 +118,6 @@ def compare(
 def _told(controller: str, place: Place) -> Scenario:
     """The oracle knows the target of the world; the others what they are told."""
     return place.world if controller == "oracle" else place.told
-
-
-def _slug(text: str) -> str:
-    """A file name that no other text has."""
-    plain = re.sub(r"[^A-Za-z0-9.]+", "-", Path(text).stem if "/" in text else text).strip("-")
-    return plain if plain == text else f"{plain}-{sha256(text.encode()).hexdigest()[:8]}"
 
 
 def summaries(

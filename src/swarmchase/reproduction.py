@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import __version__
-from .blocks import Finished, Job, evaluate_jobs, save_table, weights_sha256
+from .blocks import Finished, Job, Runner, evaluate_jobs, save_table, weights_sha256
 from .channel import FadingProcess, fading_db
 from .chases import ChaseResult
 from .controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
@@ -71,9 +71,16 @@ def cells() -> list[Cell]:
 
 
 def reproduce(
-    folder: Path, episodes: int, seed: int, processes: int, finished: Finished | None = None
+    folder: Path,
+    episodes: int,
+    seed: int,
+    processes: int,
+    finished: Finished | None = None,
+    runner: Runner | None = None,
 ) -> list[Evaluation]:
     """Evaluate every cell; the table and the fading examples lie in ``folder`` afterwards.
+
+    The chases run in processes of this machine, or by ``runner`` where that is given.
 
     Raises:
         InputError: no episodes, a folder that cannot be written, or one with the table of another run.
@@ -81,7 +88,7 @@ def reproduce(
     """
     _require_same_command(folder / TABLE_FILE, _command(episodes, seed))
     jobs = [Job(cell.name, cell.controller, cell.scenario, cell.scenario, cell.episodes(episodes)) for cell in cells()]
-    evaluations = evaluate_jobs(folder, jobs, seed, processes, finished)
+    evaluations = evaluate_jobs(folder, jobs, seed, processes, finished, runner)
     save_table(folder / TABLE_FILE, movement_table(evaluations))
     save_table(folder / FADING_FILE, fading_table(seed))
     return evaluations

@@ -9,14 +9,14 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from ..scenario import Scenario
-from .options import ScenarioOptions
+from .options import ClusterOptions, ScenarioOptions
 from .terminal import CONSOLE, print_json, progress_bar
 
 DEFAULT_CONTROLLERS = ("recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareCommand:
+class CompareCommand(ClusterOptions):
     """Run any controllers through the same chases, in one or several settings. Interrupted, it goes on where it was."""
 
     controllers: tuple[str, ...] = DEFAULT_CONTROLLERS
@@ -36,7 +36,7 @@ class CompareCommand:
     seed: int = 0
     """Seed of the chases."""
     processes: int = 2
-    """Processes that share the work; changes the speed, never the result."""
+    """Processes that share the work where there is no cluster; changes the speed, never the result."""
     folder: Path = Path("comparison")
     """Folder for the table, comparison.md and the figures in PNG and PDF."""
     json: bool = False
@@ -48,12 +48,13 @@ class CompareCommand:
 
         jobs = comparison_jobs(self.controllers, places(self.told(), self.departures), self.episodes)
         began_s = time.monotonic()
-        with progress_bar("compare", sum(job.episodes for _, job in jobs), "chases/s") as show:
+        total = sum(job.episodes for _, job in jobs)
+        with self.runner() as runner, progress_bar("compare", total, "chases/s") as show:
 
             def finished(chases: int, found: int, job: str) -> None:
                 show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
 
-            results = compare(self.folder, jobs, self.seed, self.processes, finished)
+            results = compare(self.folder, jobs, self.seed, self.processes, finished, runner)
         rows = summaries(results, self._decision_ms())
         for picture in _draw(self.folder, results, rows):
             CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)

@@ -4,19 +4,23 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
 from ..results_report import shown_interval
-from .options import ActionChoice, ScenarioOptions
+from ..scenario import Scenario
+from .options import ActionChoice, ClusterOptions, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar
+
+if TYPE_CHECKING:
+    from ..evaluation import Evaluation
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateCommand(ScenarioOptions):
+class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """Run a controller through many chases and print movements, tracking time and their confidence intervals."""
 
     controller: str = "paper"
@@ -31,7 +35,9 @@ class EvaluateCommand(ScenarioOptions):
     batch_size: int = 128
     """Chases computed together by a process; changes the speed, never the result."""
     processes: int = 2
-    """Processes that share the work; changes the speed, never the result."""
+    """Processes that share the work where there is no cluster; changes the speed, never the result."""
+    folder: Path = Path("evaluation")
+    """On a cluster: finished blocks are kept here, and an evaluation that was interrupted goes on behind them."""
     table: Path | None = None
     """Write one row a chase to this Parquet file."""
     json: bool = False
@@ -39,19 +45,29 @@ class EvaluateCommand(ScenarioOptions):
 
     def run(self) -> None:
         """Evaluate and report."""
-        from ..evaluation import evaluate
-
         scenario = self.scenario()
         explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)
+        result = self._evaluated_here(scenario) if self.cluster is None else self._evaluated_on_cluster(scenario)
+        if self.table is not None:
+            result.save_parquet(self.table)
+        summary = result.summary()
+        if self.json:
+            print_json(summary)
+        else:
+            CONSOLE.print(summary_table([summary]))
+
+    def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
+        from ..evaluation import evaluate
+
         began_s = time.monotonic()
         with progress_bar(self.controller, self.episodes, "chases/s") as show:
 
             def finished(chases: int) -> None:
                 show(chases, f"{chases / (time.monotonic() - began_s):.1f}", "")
 
-            result = evaluate(
+            return evaluate(
                 scenario,
                 self.controller,
                 self.episodes,
@@ -61,13 +77,21 @@ class EvaluateCommand(ScenarioOptions):
                 self.processes,
                 finished,
             )
-        if self.table is not None:
-            result.save_parquet(self.table)
-        summary = result.summary()
-        if self.json:
-            print_json(summary)
-        else:
-            CONSOLE.print(summary_table([summary]))
+
+    def _evaluated_on_cluster(self, scenario: Scenario) -> "Evaluation":
+        from ..blocks import Job, evaluate_jobs, file_name
+        from ..controllers.shipped import setting_name
+
+        setting = setting_name(scenario.sampling_hz, scenario.spatial_correlation)
+        name = f"{file_name(self.controller)}-{self.action_choice or 'filed'}-{setting}"
+        job = Job(name, self.controller, scenario, scenario, self.episodes, self.action_choice)
+        began_s = time.monotonic()
+        with self.runner(self.batch_size) as runner, progress_bar(self.controller, self.episodes, "chases/s") as show:
+
+            def finished(chases: int, found: int, _job: str) -> None:
+                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", "")
+
+            return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner)[0]
 
 
 def summary_table(summaries: list[dict[str, Any]]) -> Table:

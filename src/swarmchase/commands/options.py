@@ -1,13 +1,18 @@
 """Options that several commands share."""
 
-from collections.abc import Mapping
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError
 from ..files import require_writable_folder
 from ..scenario import Scenario
+
+if TYPE_CHECKING:
+    from ..blocks import Runner
 
 ActionChoice = Literal["sampled", "greedy"]
 """As in ``controllers``, which is slow to import: it needs torch."""
@@ -33,6 +38,30 @@ class ScenarioOptions:
         base = Scenario() if self.scenario_file is None else Scenario.load_toml(self.scenario_file)
         given: dict[str, Any] = {"sampling_hz": self.sampling_hz, "spatial_correlation": self.spatial_correlation}
         return Scenario.from_dict(base.to_dict() | {name: value for name, value in given.items() if value is not None})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterOptions:
+    """Where the work is done."""
+
+    cluster: str | None = None
+    """HOST:PORT of a Ray cluster's head, or local for one on this machine; default is processes here."""
+
+    @contextlib.contextmanager
+    def runner(self, batch_size: int | None = None) -> "Iterator[Runner | None]":
+        """What runs blocks of chases on the cluster; None where processes here are to do it.
+
+        Raises:
+            InputError: the cluster cannot be used.
+        """
+        if self.cluster is None:
+            yield None
+            return
+        from ..cluster.connection import connected
+        from ..cluster.evaluation import on_cluster
+
+        with connected(self.cluster, local_cpus=os.cpu_count() or 1) as cluster:
+            yield on_cluster(cluster, batch_size)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,14 @@ from typing import Any
 from rich.markdown import Markdown
 
 from ..errors import InputError
+from .options import ClusterOptions
 from .terminal import CONSOLE, print_json, progress_bar
 
 QUICK_EPISODES = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReproduceCommand:
+class ReproduceCommand(ClusterOptions):
     """Evaluate the paper's twelve settings, draw its Figures 3 to 7. Interrupted, it goes on where it was."""
 
     folder: Path | None = None
@@ -26,7 +27,7 @@ class ReproduceCommand:
     seed: int = 0
     """Seed of the chases."""
     processes: int = 2
-    """Processes that share the work; changes the speed, never the result."""
+    """Processes that share the work where there is no cluster; changes the speed, never the result."""
     json: bool = False
     """Print the summaries as one JSON object on standard output."""
 
@@ -41,12 +42,12 @@ class ReproduceCommand:
         folder = self.folder or Path("reproduction-quick" if self.quick else "reproduction")
         began_s = time.monotonic()
         total = sum(cell.episodes(episodes) for cell in cells())
-        with progress_bar("reproduce", total, "chases/s") as show:
+        with self.runner() as runner, progress_bar("reproduce", total, "chases/s") as show:
 
             def finished(chases: int, found: int, cell: str) -> None:
                 show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
 
-            evaluations = reproduce(folder, episodes, self.seed, self.processes, finished)
+            evaluations = reproduce(folder, episodes, self.seed, self.processes, finished, runner)
         summaries = [one.summary() for one in evaluations]
         pictures = _draw(folder, evaluations, summaries)
         _report(folder, summaries)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from ..errors import InputError
 from ..scenario import Scenario
 from .options import ScenarioOptions
 from .terminal import CONSOLE, print_json, progress_bar
@@ -98,16 +99,27 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
     """paper is Table I exactly; the options below change it."""
     schedule: Schedule = "processes"
     """Asynchronous processes, or the same agents in turn in one process, which is bit-reproducible."""
+    cluster: str | None = None
+    """HOST:PORT of a Ray cluster's head, or local for one on this machine: agents are actors there."""
 
     def run(self) -> None:
         """Train and report."""
         from ..training.a3c import train_a3c
         from ..training.settings import preset
 
+        if self.cluster is not None and self.schedule != "processes":
+            raise InputError(f"schedule = {self.schedule!r} is refused: agents on a cluster are asynchronous")
         settings = dataclasses.replace(preset(self.preset), **self.changes())
         scenario = self.scenario()
         with _progress(settings.max_updates) as progress:
-            result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
+            if self.cluster is None:
+                result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)
+            else:
+                from ..cluster.training import train_on_cluster
+
+                result = train_on_cluster(
+                    scenario, settings, self.folder, self.cluster, self.resume, progress, _say_fault
+                )
         self.report(result)
 
 
@@ -181,6 +193,10 @@ def _progress(max_updates: int) -> "Iterator[Callable[[Any], None]]":
             show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
 
         yield progress
+
+
+def _say_fault(what: str) -> None:
+    CONSOLE.print(what, style="yellow", markup=False, soft_wrap=True)
 
 
 def _rate(environment_steps: int, seconds: float) -> str:

@@ -79,43 +79,57 @@ class Evaluator:
 
     def evaluate(self, snapshot: SharedParameters) -> Evaluation:
         """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
-        self._flat.vector.copy_(snapshot.vector)
-        networks = deployed(self._flat.networks)
-        tables = [self._chases(told, world, networks) for told, world in self._worlds()]
-        movements = [[float(row.movements) for row in rows] for rows in tables]
-        percentiles = [nearest_rank_percentile(values, 90) for values in movements]
-        evaluation = Evaluation(
-            update=int(snapshot.updates),
-            movements_mean=_mean([_mean(values) for values in movements]),
-            movements_p90=_mean(percentiles),
-            success_rate=_mean([_mean([float(row.reached) for row in rows]) for rows in tables]),
-            p90_by_scenario=percentiles,
-        )
-        if self.best is None or evaluation.order < self.best.order:
-            self.best = evaluation
-            configuration = weights_configuration(self._scenarios, self._settings, self._schedule, evaluation.update)
-            save_trained_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
+        evaluation = measured(self._scenarios, self._settings, snapshot)
+        self.keep(evaluation, snapshot)
         return evaluation
 
-    @property
-    def _seed(self) -> int:
-        """The chases are fixed and of a seed of their own: neither the training's nor one that a person types."""
-        return training_seed(self._settings.seed) + (1 << 61)
-
-    def _worlds(self) -> list[tuple[Scenario, Scenario]]:
-        """What the networks are told, and the world they are in."""
-        if not self._settings.varied_world:
-            return [(scenario, scenario) for scenario in self._scenarios]
-        told = [scenario for scenario in self._scenarios for _ in range(EVALUATION_WORLDS)]
-        return [(scenario, drawn_world(scenario, self._seed, number)) for number, scenario in enumerate(told)]
-
-    def _chases(self, told: Scenario, world: Scenario, networks: FiledNetworks) -> list[ChaseResult]:
-        controller = network_controller(told, networks, "in training", self._settings.action_choice)
-        return list(run_chases(world, controller, self._seed, range(self._settings.evaluation_chases)))
+    def keep(self, evaluation: Evaluation, snapshot: SharedParameters) -> None:
+        """Write the weights of this evaluation to the run's folder in float16, where they are the best so far."""
+        if self.best is None or evaluation.order < self.best.order:
+            self.best = evaluation
+            self._flat.vector.copy_(snapshot.vector)
+            configuration = weights_configuration(self._scenarios, self._settings, self._schedule, evaluation.update)
+            save_trained_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
 
     def meets_criterion(self, evaluation: Evaluation) -> bool:
         """Whether training may stop early."""
         return self._settings.stop_at_p90 is not None and evaluation.movements_p90 <= self._settings.stop_at_p90
+
+
+def measured(scenarios: Sequence[Scenario], settings: TrainingSettings, snapshot: SharedParameters) -> Evaluation:
+    """The fixed chases of a training, with these parameters."""
+    flat = FlatNetworks(new_networks(settings))
+    flat.vector.copy_(snapshot.vector)
+    networks = deployed(flat.networks)
+    tables = [_chases(told, world, networks, settings) for told, world in _worlds(scenarios, settings)]
+    movements = [[float(row.movements) for row in rows] for rows in tables]
+    percentiles = [nearest_rank_percentile(values, 90) for values in movements]
+    return Evaluation(
+        update=int(snapshot.updates),
+        movements_mean=_mean([_mean(values) for values in movements]),
+        movements_p90=_mean(percentiles),
+        success_rate=_mean([_mean([float(row.reached) for row in rows]) for rows in tables]),
+        p90_by_scenario=percentiles,
+    )
+
+
+def _evaluation_seed(settings: TrainingSettings) -> int:
+    """The chases are fixed and of a seed of their own: neither the training's nor one that a person types."""
+    return training_seed(settings.seed) + (1 << 61)
+
+
+def _worlds(scenarios: Sequence[Scenario], settings: TrainingSettings) -> list[tuple[Scenario, Scenario]]:
+    """What the networks are told, and the world they are in."""
+    if not settings.varied_world:
+        return [(scenario, scenario) for scenario in scenarios]
+    told = [scenario for scenario in scenarios for _ in range(EVALUATION_WORLDS)]
+    seed = _evaluation_seed(settings)
+    return [(scenario, drawn_world(scenario, seed, number)) for number, scenario in enumerate(told)]
+
+
+def _chases(told: Scenario, world: Scenario, networks: FiledNetworks, settings: TrainingSettings) -> list[ChaseResult]:
+    controller = network_controller(told, networks, "in training", settings.action_choice)
+    return list(run_chases(world, controller, _evaluation_seed(settings), range(settings.evaluation_chases)))
 
 
 def _mean(values: Sequence[float]) -> float:

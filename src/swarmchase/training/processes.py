@@ -24,7 +24,7 @@ from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import Evaluation, Evaluator
 from .global_agent import SharedParameters
-from .run import TrainingRun
+from .run import TrainingRun, next_evaluation, next_multiple
 from .settings import TrainingSettings
 from .worker import make_global_agent, work_once
 
@@ -82,7 +82,7 @@ def run_processes(run: TrainingRun) -> None:
         environment_steps=_shared_zeros(settings.num_agents),
     )
     arguments = (run.scenarios, settings, run.shared, channels)
-    first_evaluation = _next_evaluation(int(run.shared.updates), settings)
+    first_evaluation = next_evaluation(int(run.shared.updates), settings)
     starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
     processes = {
         f"local agent {index}": context.Process(
@@ -136,7 +136,7 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
     global_agent = make_global_agent(run.settings, run.shared, _WatchedLock(channels.lock, processes))
     steps_before = run.environment_steps
     snapshots: dict[int, AgentSnapshot] = {}
-    next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
+    next_checkpoint = next_multiple(global_agent.updates, run.settings.checkpoint_interval)
     stopping = leave_is_saved = False
     stop_by_s = math.inf
     while any(process.is_alive() for process in processes.values()) or not channels.mailbox.empty():
@@ -151,7 +151,7 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
             leave_is_saved = stopping
             snapshots = snapshots if stopping else {}
         if global_agent.updates >= next_checkpoint and not stopping:
-            next_checkpoint = _next_multiple(global_agent.updates, run.settings.checkpoint_interval)
+            next_checkpoint = next_multiple(global_agent.updates, run.settings.checkpoint_interval)
             snapshots = {}
             channels.checkpoints_asked.add_(1)
         if not stopping and (run.stopped is not None or global_agent.finished):
@@ -205,16 +205,6 @@ def _shared_zeros(length: int) -> torch.Tensor:
     zeros = torch.zeros(length, dtype=torch.int64)
     zeros.share_memory_()  # type: ignore[no-untyped-call]
     return zeros
-
-
-def _next_multiple(updates: int, interval: int) -> int:
-    return (updates // interval + 1) * interval
-
-
-def _next_evaluation(updates: int, settings: TrainingSettings) -> int:
-    """At every interval, and after the last update."""
-    following = _next_multiple(updates, settings.evaluation_interval)
-    return min(following, settings.max_updates) if updates < settings.max_updates else following
 
 
 @contextlib.contextmanager
@@ -272,19 +262,19 @@ def _auxiliary_agent_process(
     channels: _Channels,
     folder: Path,
     best: Evaluation | None,
-    next_evaluation: int,
+    next_update: int,
 ) -> None:
     with _worker(channels, "auxiliary agent"):
         global_agent = make_global_agent(settings, shared, channels.lock)
         evaluator = Evaluator(scenarios, settings, "processes", folder, best)
         while True:
-            if global_agent.updates < next_evaluation:
+            if global_agent.updates < next_update:
                 # Asked again: the last update may have come while it waited, and is still to be evaluated.
-                if channels.stop.wait(POLL_S) and global_agent.updates < next_evaluation:
+                if channels.stop.wait(POLL_S) and global_agent.updates < next_update:
                     break
                 continue
             if channels.stop.is_set() and not global_agent.finished:
                 break
-            next_evaluation = _next_evaluation(global_agent.updates, settings)
+            next_update = next_evaluation(global_agent.updates, settings)
             evaluation = evaluator.evaluate(global_agent.snapshot())
             channels.mailbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))

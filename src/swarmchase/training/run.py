@@ -1,6 +1,7 @@
 """A training run's books: how far it is, its log, its checkpoints, and why it ends."""
 
 import contextlib
+import dataclasses
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -49,6 +50,17 @@ class TrainingResult:
 
 Progress = Callable[[TrainingStatus], None]
 """Is told how the run goes, several times a second."""
+
+
+def next_multiple(updates: int, interval: int) -> int:
+    """The first multiple of the interval behind so many updates."""
+    return (updates // interval + 1) * interval
+
+
+def next_evaluation(updates: int, settings: TrainingSettings) -> int:
+    """At every interval, and after the last update."""
+    following = next_multiple(updates, settings.evaluation_interval)
+    return min(following, settings.max_updates) if updates < settings.max_updates else following
 
 
 class TrainingRun:
@@ -104,6 +116,28 @@ class TrainingRun:
         """Write the resume file."""
         self._log.flush()
         self.folder.save(ResumePoint(parameters, agents, self.best, self.environment_steps, self.seconds))
+
+    def gradient_applied(self, update: int, agent: int, updates_behind: int) -> None:
+        """A local agent's gradient made this update, so many updates after the agent had fetched the parameters."""
+        self._log.gradient(update, agent, updates_behind)
+
+    def fault(self, what: str) -> None:
+        """Something went wrong that the run has got over."""
+        self._log.fault(int(self.shared.updates), what)
+
+    def take(self, parameters: SharedParameters) -> None:
+        """Make these the run's parameters."""
+        for part in dataclasses.fields(SharedParameters):
+            getattr(self.shared, part.name).copy_(getattr(parameters, part.name))
+
+    def go_back(self) -> ResumePoint:
+        """Forget all since the last checkpoint, as a run does that is resumed."""
+        point = self.folder.load()
+        self.take(point.parameters)
+        self.best, self.environment_steps = point.best, point.environment_steps
+        self._log.close()
+        self._log = TrainingLog(self.folder.folder, int(self.shared.updates))
+        return point
 
     def show(self) -> None:
         """Tell the progress display how far the run is."""

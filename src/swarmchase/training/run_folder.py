@@ -100,7 +100,9 @@ class RunFolder:
 
 
 class TrainingLog:
-    """One JSON line for every finished chase and every evaluation, and the same numbers for TensorBoard."""
+    """One JSON line for every finished chase and every evaluation, and the same numbers for TensorBoard.
+
+    On a cluster also for every gradient and every fault."""
 
     def __init__(self, folder: Path, resume_update: int) -> None:
         self._path = folder / LOG_FILE
@@ -123,6 +125,16 @@ class TrainingLog:
             {"kind": "evaluation", **numbers, "seconds": round(seconds, 1), "environment_steps": environment_steps}
         )
         self._plot("evaluation", {name: numbers[name] for name in _PLOTTED}, evaluation.update)
+        self.flush()
+
+    def gradient(self, update: int, agent: int, updates_behind: int) -> None:
+        """Log a gradient: which update it made, whose it was and how stale."""
+        self._write({"kind": "gradient", "update": update, "agent": agent, "updates_behind": updates_behind})
+        self._plot("gradient", {"updates_behind": updates_behind}, update)
+
+    def fault(self, update: int, what: str) -> None:
+        """Log what went wrong and was got over."""
+        self._write({"kind": "fault", "update": update, "what": what})
         self.flush()
 
     def flush(self) -> None:
@@ -169,7 +181,7 @@ class TrainingLog:
 
 
 def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
-    """The lines of one kind ("chase" or "evaluation") of a run's log."""
+    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log."""
     with open(folder / LOG_FILE, encoding="utf-8") as file:
         return [line for line in map(json.loads, file) if line["kind"] == kind]
 

@@ -12,8 +12,8 @@ from .losses import DISPLACEMENT_SCALE_M, LossSettings
 Precision = Literal["float32", "bfloat16"]
 A3CSchedule = Literal["processes", "deterministic"]
 """Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
-Schedule = Literal[A3CSchedule, "batched"]
-"""A3C's, or the batched trainer."""
+Schedule = Literal[A3CSchedule, "cluster", "batched"]
+"""A3C's, on one machine or on a Ray cluster, or the batched trainer."""
 
 
 NetworkForm = Literal["paper", "gated", "fading"]

@@ -1,0 +1,177 @@
+"""A connection to a Ray cluster, or to a small one started on this machine for as long as it is needed."""
+
+import contextlib
+import os
+import socket
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError, WorkerDiedError
+from . import software
+from .software import installed, require_same_software
+
+LOCAL = "local"
+"""The address that starts a cluster on this machine."""
+LOCAL_OBJECT_STORE_BYTES = 200_000_000
+"""Gradients and parameters on their way; what does not fit waits on disk."""
+REACH_LIMIT_S = 5.0
+"""For a machine to take a connection."""
+PROBE_LIMIT_S = 60.0
+"""For a node to say what is installed there: it starts a Python process first."""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A cluster that this process is connected to."""
+
+    ray: Any
+    """The module."""
+    home: str
+    """The node of this process, where its files are."""
+
+    def node_names(self) -> dict[str, str]:
+        """Every node that is alive, by its id: address and host name."""
+        return {
+            node["NodeID"]: f"{node['NodeManagerAddress']} ({node['NodeManagerHostname']})"
+            for node in self.ray.nodes()
+            if node["Alive"]
+        }
+
+    def num_cpus(self) -> int:
+        """CPUs of all nodes."""
+        return int(self.ray.cluster_resources().get("CPU", 0))
+
+    def shown_resources(self) -> str:
+        """Nodes and CPUs, for people."""
+        free = int(self.ray.available_resources().get("CPU", 0))
+        return f"the cluster has {len(self.node_names())} nodes with {self.num_cpus()} CPUs, {free} of them free"
+
+    def require_same_software(self, node_names: dict[str, str]) -> None:
+        """Ask nodes what is installed there.
+
+        Raises:
+            InputError: it is not what this process runs, or a node does not answer.
+        """
+        here = installed()
+        task = self.ray.remote(num_cpus=0, max_retries=0)(installed)
+        answers = {
+            name: task.options(scheduling_strategy=at_node(node_id)).remote() for node_id, name in node_names.items()
+        }
+        for name, answer in answers.items():
+            try:
+                require_same_software(name, self.ray.get(answer, timeout=PROBE_LIMIT_S), here)
+            except self.ray.exceptions.GetTimeoutError as error:
+                raise InputError(
+                    f"node {name} has not answered within {PROBE_LIMIT_S:g} s: see `ray status`"
+                ) from error
+            except self.ray.exceptions.RayError as error:
+                raise InputError(f"node {name} cannot run a task: {first_line(error)}") from error
+
+
+def at_node(node_id: str, soft: bool = False) -> Any:
+    """The scheduling strategy for this node; with ``soft`` for another where it is gone."""
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    return NodeAffinitySchedulingStrategy(node_id, soft=soft)
+
+
+def first_line(error: BaseException) -> str:
+    """What an error says, in one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if lines else type(error).__name__
+
+
+def own_error(who: str, error: Any) -> Exception:
+    """The error that an actor or task raised (Ray's ``RayTaskError``), as the command line tells it."""
+    if isinstance(error.cause, InputError):
+        return error.cause
+    return WorkerDiedError(f"{who} ended with an error:\n{error}")
+
+
+def ray_module() -> Any:
+    """Ray, told to keep to itself.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+    except ModuleNotFoundError as error:
+        raise InputError("a cluster needs Ray, which is not installed: pip install 'swarmchase[cluster]'") from error
+    # A node that lacks this package, or has another, must still be able to say so.
+    ray.cloudpickle.register_pickle_by_value(software)
+    return ray
+
+
+@contextlib.contextmanager
+def connected(address: str, local_cpus: int) -> Iterator[Cluster]:
+    """The cluster at ``address`` (HOST:PORT of its head), or one of ``local_cpus`` CPUs on this machine for ``local``.
+
+    This machine must be one of its nodes. Whatever runs there for this process ends with the block.
+
+    Raises:
+        InputError: no Ray, nobody at the address, another version of Ray or Python there, no CPUs, a node without
+            this package or with other versions.
+    """
+    if address != LOCAL:
+        _require_somebody(address)
+    ray = ray_module()
+    if ray.is_initialized():
+        raise InputError("this process is connected to a Ray cluster already: leave it first (ray.shutdown())")
+    _connect(ray, address, local_cpus)
+    try:
+        cluster = Cluster(ray, ray.get_runtime_context().get_node_id())
+        if cluster.num_cpus() < 1:
+            raise InputError(f"the cluster at {address} has no CPUs: start its nodes with `ray start --num-cpus N`")
+        if address != LOCAL:
+            cluster.require_same_software(cluster.node_names())
+        yield cluster
+    finally:
+        ray.shutdown()
+
+
+def _connect(ray: Any, address: str, local_cpus: int) -> None:
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": "error", "configure_logging": True}
+    if address == LOCAL:
+        options |= {
+            "num_cpus": local_cpus,
+            "object_store_memory": LOCAL_OBJECT_STORE_BYTES,
+            "include_dashboard": False,
+        }
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Ray's own, of what it will change one day
+            ray.init(address=address, **options)
+    except Exception as error:  # of several kinds, and of others in other versions of Ray
+        raise InputError(f"cannot join the Ray cluster at {address}: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    if "ersion mismatch" in text:
+        return f"{text}; install the same versions on all machines"
+    if "node_ip_address" in text or "Raylet" in text or "raylet" in text:
+        return f"this machine is none of its nodes: `ray start --address HOST:PORT` here first ({text})"
+    return text
+
+
+def _require_somebody(address: str) -> None:
+    """Ray itself would try for a minute and then end the process.
+
+    Raises:
+        InputError: not HOST:PORT, or nobody takes a connection there.
+    """
+    host, colon, port = address.rpartition(":")
+    if not (colon and host and port.isascii() and port.isdigit() and 0 < int(port) < 2**16):
+        raise InputError(f"cluster address {address!r} is refused: allowed is HOST:PORT of its head, or {LOCAL}")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH_LIMIT_S):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"nobody answers at the cluster address {address} ({error.strerror or error}): is `ray start --head "
+            f"--port {port}` running there?"
+        ) from error
