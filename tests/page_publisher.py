@@ -1,6 +1,7 @@
 """A stand-in for the controller service: publishes made-up frames and obeys what the page says."""
 
 import threading
+from typing import Self
 
 from page_frames import made_up_frame
 from swarmchase.live.page.feed import Feed
@@ -17,8 +18,14 @@ class Publisher:
         self._state = state
         self._reason = ""
         self._stops = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="publisher")
+        self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
         self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
     def stop(self) -> None:
         self._stops.set()

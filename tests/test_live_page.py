@@ -529,12 +529,8 @@ def opened(browser: Any, server: PageServer, **options: Any) -> Iterator[Window]
 @contextmanager
 def live_chase(token: str | None = None, **options: Any) -> Iterator[tuple[PageServer, Publisher]]:
     feed = Feed(INFO, is_live=True)
-    publisher = Publisher(feed, **options)
-    try:
-        with served(feed, token) as server:
-            yield server, publisher
-    finally:
-        publisher.stop()
+    with Publisher(feed, **options) as publisher, served(feed, token) as server:
+        yield server, publisher
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -595,10 +591,9 @@ def test_old_data_are_greyed(chromium: Any) -> None:
     feed = Feed(INFO, is_live=True)
     with served(feed) as server, opened(chromium, server) as window:
         window.shows("#banner", "No data yet")
-        publisher = Publisher(feed)
-        window.shows("body", data_stale="false")
-        assert window.page.locator("#banner").is_hidden()
-        publisher.stop()
+        with Publisher(feed):
+            window.shows("body", data_stale="false")
+            assert window.page.locator("#banner").is_hidden()
         window.shows("body", data_stale="true", data_connection="stale")
         window.shows("#banner", re.compile(r"No data for 1\.\d s: the service sends nothing"))
         window.shows('[data-tracker="0"]', data_stale="stale")
@@ -607,10 +602,9 @@ def test_old_data_are_greyed(chromium: Any) -> None:
         until(lambda: window.text('[data-tracker="0"] [data-column="rssi-age"]') != before)
         window.page.reload()  # what was old stays old
         window.shows("#banner", "No data for")
-        publisher = Publisher(feed, time_s=30.0)
-        window.shows("body", data_stale="false", data_connection="live")
-        window.shows('[data-tracker="0"]', data_stale="")
-        publisher.stop()
+        with Publisher(feed, time_s=30.0):
+            window.shows("body", data_stale="false", data_connection="live")
+            window.shows('[data-tracker="0"]', data_stale="")
 
 
 def test_hold_and_resume(chromium: Any) -> None:
@@ -659,8 +653,7 @@ def test_live_chase_is_looked_back_at(chromium: Any) -> None:
     feed = Feed(INFO, is_live=True)
     for tenth in range(300):
         feed.publish(made_up_frame(tenth / 10))
-    publisher = Publisher(feed, time_s=30.0)
-    with served(feed) as server, opened(chromium, server) as window:
+    with Publisher(feed, time_s=30.0), served(feed) as server, opened(chromium, server) as window:
         window.shows("#live", aria_pressed="true")
         window.page.locator("#slider").press("Home")
         window.shows("body", data_past="true", data_time_s="0")
@@ -674,7 +667,6 @@ def test_live_chase_is_looked_back_at(chromium: Any) -> None:
         window.page.locator("#live").click()
         window.shows("body", data_past="false")
         window.shows("#decision-number", re.compile("movement 2"))
-    publisher.stop()
 
 
 def test_replay(chromium: Any) -> None:

@@ -10,7 +10,9 @@ export const STALE_S = 1.0;
 export const NOTHING = "–";
 
 export function number(value, digits = 1) {
-  return value === null || value === undefined ? NOTHING : value.toFixed(digits).replace("-", "−");
+  if (value === null || value === undefined) return NOTHING;
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
 export function age(seconds) {
@@ -23,7 +25,7 @@ export function share(value) {
 }
 
 export function metres(point, digits = 1) {
-  return point ? point.map((coordinate) => number(coordinate, digits)).join("  ") : NOTHING;
+  return point ? point.map((coordinate) => number(coordinate, digits)).join(", ") : NOTHING;
 }
 
 // 75.31 -> 1:15.3

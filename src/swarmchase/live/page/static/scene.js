@@ -8,8 +8,12 @@ import { CompassRose } from "./compass_rose.js";
 import { disc, dots, label, polyline, quadcopter, ring, segments, setPoints } from "./shapes.js";
 
 const FIELD_OF_VIEW_DEG = 40;
-const TRACKER_PX = 24;
-const SET_POINT_PX = 20;
+// A tracker is as wide as this on the screen, or less where the swarm is far away; then it loses its name, too.
+const WIDEST_TRACKER_PX = 26;
+const NARROWEST_TRACKER_PX = 12;
+const TRACKER_PER_SPACING = 0.75;
+const LEAST_SPACING_WITH_NAMES_PX = 24;
+const NAME_PX = 17;
 const CENTER_PX = 11;
 const TARGET_PX = 17;
 const GRID_LINES = 24;
@@ -33,7 +37,6 @@ export class Scene {
     const sun = new THREE.DirectionalLight("#ffffff", 1.4);
     sun.position.set(-2, -3, 6);
     this.scene.add(sun);
-    this.fixedSize = []; // [object, pixels]: as large on the screen from near as from afar
     this.addObjects();
     this.controls.addEventListener("change", () => this.request());
     this.controls.addEventListener("start", () => this.framing.release());
@@ -87,10 +90,9 @@ export class Scene {
       new THREE.MeshStandardMaterial({ color: "#ff5d5d", emissive: "#7a1515", flatShading: true, transparent: true }),
     );
     this.success = new THREE.Mesh(
-      new THREE.SphereGeometry(1, 20, 12),
+      new THREE.SphereGeometry(1, 14, 8),
       new THREE.MeshBasicMaterial({ color: "#ff5d5d", wireframe: true, transparent: true, opacity: 0.25 }),
     );
-    this.fixedSize.push([this.center, CENTER_PX], [this.target, TARGET_PX]);
     this.scene.add(this.grid, this.plumbs, this.fence, this.path, this.steps, this.belief, this.center);
     this.scene.add(this.target, this.success);
     // After the belief's points, which would hide them: these write no depth.
@@ -109,9 +111,8 @@ export class Scene {
       lead: segments(color, 0.4),
       names: { fresh: label(String(index), color), stale: label(String(index), STALE_COLOR) },
     };
-    const { fresh, stale } = tracker.names;
-    this.fixedSize.push([tracker.body, TRACKER_PX], [tracker.setPoint, SET_POINT_PX], [fresh, 17], [stale, 17]);
-    this.scene.add(tracker.body, tracker.setPoint, tracker.arm, tracker.lead, fresh, stale);
+    this.scene.add(tracker.body, tracker.setPoint, tracker.arm, tracker.lead);
+    this.scene.add(tracker.names.fresh, tracker.names.stale);
     return tracker;
   }
 
@@ -175,13 +176,23 @@ export class Scene {
     this.rose.render(this.renderer, this.camera, this.controls.target);
   }
 
+  // Markers are as large on the screen from near as from afar.
   keepSizes() {
     const height = this.container.clientHeight || 1;
     const perPixel = (2 * Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2))) / height;
-    for (const [object, pixels] of this.fixedSize) {
-      object.scale.setScalar(perPixel * pixels * this.camera.position.distanceTo(object.position));
+    const pixelM = (object) => perPixel * this.camera.position.distanceTo(object.position);
+    const spacingPx = this.center.visible ? (this.frame?.spacing_m ?? 0) / pixelM(this.center) : Infinity;
+    const widest = Math.min(WIDEST_TRACKER_PX, TRACKER_PER_SPACING * spacingPx);
+    const trackerPx = Math.max(NARROWEST_TRACKER_PX, widest);
+    this.center.scale.setScalar(CENTER_PX * pixelM(this.center) * (trackerPx / WIDEST_TRACKER_PX));
+    this.target.scale.setScalar(TARGET_PX * pixelM(this.target));
+    const namePx = spacingPx < LEAST_SPACING_WITH_NAMES_PX ? 0 : NAME_PX;
+    for (const { body, setPoint, names } of this.trackers) {
+      body.scale.setScalar(trackerPx * pixelM(body));
+      setPoint.scale.setScalar(0.8 * trackerPx * pixelM(setPoint));
+      setPoint.quaternion.copy(this.camera.quaternion);
+      for (const name of [names.fresh, names.stale]) name.scale.setScalar(namePx * pixelM(name));
     }
-    for (const { setPoint } of this.trackers) setPoint.quaternion.copy(this.camera.quaternion);
   }
 }
 

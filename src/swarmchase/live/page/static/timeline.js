@@ -121,7 +121,7 @@ export class Timeline {
     const bold = document.createElement("b");
     bold.textContent = clock(this.timeS);
     const isPast = this.isLive && !this.isFollowing;
-    const beside = isPast ? ` PAST, ${clock(this.lastS - this.timeS)} ago` : this.isLive ? " now" : ` of ${clock(this.lastS)}`;
+    const beside = isPast ? ` PAST, ${clock(this.lastS - this.timeS)} ago` : this.isLive ? " newest" : ` of ${clock(this.lastS)}`;
     this.shownTime.replaceChildren(bold, beside);
   }
 }
