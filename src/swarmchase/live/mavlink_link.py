@@ -6,6 +6,7 @@ answered. One datagram is one packet. A tracker's set-points go to where its las
 
 import contextlib
 import ipaddress
+import select
 import socket
 import time
 from collections import Counter, defaultdict, deque
@@ -149,6 +150,10 @@ class ControllerMavlinkLink(_UdpEnd, Link):
         """Host and port that trackers dial."""
         host, port = self._socket.getsockname()[:2]
         return host, port
+
+    def wait(self, seconds: float) -> bool:
+        """Until something comes, and no longer than this; whether it has come."""
+        return bool(select.select([self._socket], [], [], max(seconds, 0.0))[0])
 
     def loss_share(self) -> list[float | None]:
         """Of each tracker's last packets, which share got lost on their way here; None where that is not known."""

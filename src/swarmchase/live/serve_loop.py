@@ -15,6 +15,8 @@ from .stop_request import StopRequest
 from .ticker import Ticker
 
 STEPS_HZ = 20.0
+BREATH_S = 0.002
+"""Between two looks at the socket."""
 TOLD_S = ABORT_S + 0.2
 """So long after the chase's end trackers have heard of it; the service speaks for ABORT_S."""
 MOST_LATENCIES = 10_000
@@ -113,7 +115,7 @@ class ServeLoop:
             for watch in self._watchers:
                 watch(snapshot, latency_s)
             self._tell_troubles()
-            ticker.wait()
+            self._listen_until_next(ticker)
         snapshot = self._service.snapshot()
         return ServeSummary(
             state=snapshot.state.value,
@@ -123,6 +125,14 @@ class ServeLoop:
             rejected={str(reason): count for reason, count in sorted(self._link.rejected.items())},
             decision_latency_p99_ms=percentile_99_ms(self._latency_s),
         )
+
+    def _listen_until_next(self, ticker: Ticker) -> None:
+        """Take in what comes at the moment of its coming; a flood gets no more than this share of the time."""
+        ticker.next()
+        while (left_s := ticker.left_s()) > 0:
+            if self._link.wait(left_s):
+                self._service.listen()
+                time.sleep(min(BREATH_S, ticker.left_s()))
 
     def step(self) -> float | None:
         """One step of the service. Where it decides, it is timed: the seconds from before the newest samples are taken

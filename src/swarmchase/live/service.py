@@ -165,11 +165,17 @@ class ControllerService:
 
     # The loop
 
+    def listen(self) -> None:
+        """Take in what has come. Each step does; in between it is worth it because the clocks of the trackers are known
+        as well as the moments of arrival.
+        """
+        self._now_ns = self._clock.now_ns()
+        self._swarm.listen(self._link.receive(), self._now_ns)
+
     def step(self) -> None:
         """Whatever there is to do now."""
-        self._now_ns = self._clock.now_ns()
+        self.listen()
         elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
-        self._swarm.listen(self._link.receive(), self._now_ns)
         if self.state is not ChaseState.IDLE:
             self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
         self._act()

@@ -19,7 +19,13 @@ class Ticker:
 
     def wait(self) -> None:
         """Sleep until the next moment."""
-        now_ns = time.monotonic_ns()
-        self._last_ns = next_moment_ns(self._last_ns, self._period_ns, now_ns)
-        if self._last_ns > now_ns:
-            time.sleep((self._last_ns - now_ns) / 1e9)
+        self.next()
+        time.sleep(self.left_s())
+
+    def next(self) -> None:
+        """Look forward to the next moment."""
+        self._last_ns = next_moment_ns(self._last_ns, self._period_ns, time.monotonic_ns())
+
+    def left_s(self) -> float:
+        """Seconds until then; 0 where it has come."""
+        return max(self._last_ns - time.monotonic_ns(), 0) / 1e9

@@ -21,6 +21,9 @@ class DatagramSocket(Protocol):
     def getsockname(self) -> Any:
         """Its own address."""
 
+    def fileno(self) -> int:
+        """For ``select``."""
+
     def close(self) -> None:
         """Give it back."""
 

@@ -87,10 +87,10 @@ class Stage:
     def watch(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
         """Hear what it says, and tell it where the service's window begins."""
         self._hear(0.0)
-        since_ns, center_m = snapshot.window_since_ns, snapshot.center_m
-        if since_ns is not None and center_m is not None and since_ns != self._announced_ns:
+        since_ns, center_m, spacing_m = snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m
+        if since_ns not in {None, self._announced_ns} and center_m is not None and spacing_m is not None:
             self._announced_ns = since_ns
-            self._connection.send(Announcement(since_ns, center_m))
+            self._connection.send(Announcement(since_ns, center_m, spacing_m))
 
     def close(self) -> None:
         """End it and all of its processes."""

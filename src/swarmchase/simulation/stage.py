@@ -38,6 +38,7 @@ class Announcement:
 
     since_ns: int
     center_m: Metres
+    spacing_m: float
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class _Stage:
         try:
             while self._connection.poll():
                 announcement: Announcement = self._connection.recv()
-                self._world.radio.announce(announcement.since_ns, announcement.center_m)
+                self._world.announce(announcement.since_ns, announcement.center_m, announcement.spacing_m)
         except (EOFError, ConnectionResetError):
             return True
         return False

@@ -129,8 +129,9 @@ class VirtualChase:
         snapshot = self.service.snapshot()
         if snapshot.window_since_ns is not None and snapshot.window_since_ns != self._announced_ns:
             assert snapshot.center_m is not None
+            assert snapshot.spacing_m is not None
             self._announced_ns = snapshot.window_since_ns
-            self.world.radio.announce(snapshot.window_since_ns, snapshot.center_m)
+            self.world.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
             near = self.world.distance_to_target_m() <= self._scenario.success_radius_m
             if near and self._movements_to_target is None:
                 self._movements_to_target = snapshot.movements

@@ -99,5 +99,9 @@ class VirtualSocket:
         """Its name in this network."""
         return ("virtual", self._number)
 
+    def fileno(self) -> int:
+        """None: nobody waits for it, since its clock stands still meanwhile."""
+        return -1
+
     def close(self) -> None:
         """Nothing is held."""

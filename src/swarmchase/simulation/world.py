@@ -1,6 +1,7 @@
 """The site: six vehicles, each with a receiver, and the radio between them and the target, from moment to moment."""
 
 import math
+import statistics
 from random import Random
 
 import torch
@@ -39,6 +40,7 @@ class World:
         self._start_ns: int | None = None
         self._period_ns = 1e9 / scenario.sampling_hz
         self._taken = 0
+        self._spacing_m = scenario.initial_spacing_m
         self._receivers = [FailingReceiver(Random(f"{seed} {chase} {tracker}")) for tracker in range(NUM_TRACKERS)]
 
     def begin(self, now_ns: int) -> None:
@@ -70,10 +72,20 @@ class World:
         """Where the vehicles are."""
         return [vehicle.position_m for vehicle in self.vehicles]
 
+    def announce(self, since_ns: int, center_m: Metres, spacing_m: float) -> None:
+        """The controller's next window is of what is sampled from this moment on, in this formation."""
+        self._spacing_m = spacing_m
+        self.radio.announce(since_ns, center_m)
+
     def distance_to_target_m(self) -> float:
-        """From the vehicles' mean."""
-        mean_m = [sum(axis_m) / NUM_TRACKERS for axis_m in zip(*self.positions_m(), strict=True)]
-        return math.dist(mean_m, self.radio.target_m)
+        """From where most vehicles' places in the last announced formation say that its centre is: one that has been
+        left behind, or two, do not count.
+        """
+        center_m = [
+            statistics.median(at_m - self._spacing_m * direction for at_m, direction in zip(*axis, strict=True))
+            for axis in zip(zip(*self.positions_m(), strict=True), TRACKER_DIRECTION.T.tolist(), strict=True)
+        ]
+        return math.dist(center_m, self.radio.target_m)
 
     def _fly(self, until_ns: int) -> None:
         for vehicle in self.vehicles:
