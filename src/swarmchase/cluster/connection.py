@@ -1,6 +1,7 @@
 """A connection to a Ray cluster, or to a small one started on this machine for as long as it is needed."""
 
 import contextlib
+import inspect
 import os
 import socket
 import warnings
@@ -55,7 +56,8 @@ class Cluster:
             InputError: it is not what this process runs, or a node does not answer.
         """
         here = installed()
-        task = self.ray.remote(num_cpus=0, max_retries=0)(installed)
+        # Unwrapped: a type checker's wrapping, which tests have, cannot be sent.
+        task = self.ray.remote(num_cpus=0, max_retries=0)(inspect.unwrap(installed))
         answers = {
             name: task.options(scheduling_strategy=at_node(node_id)).remote() for node_id, name in node_names.items()
         }

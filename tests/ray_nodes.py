@@ -1,0 +1,85 @@
+"""A Ray cluster of several nodes on this machine, for tests: add a node, take one away, end a process in it."""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from swarmchase.cluster.connection import ray_module
+
+WAIT_S = 90
+OBJECT_STORE_BYTES = 120_000_000
+
+
+class Nodes:
+    """The nodes of a cluster; the first is its head, where the tests' process is."""
+
+    def __init__(self, num_cpus: float) -> None:
+        ray_module()
+        from ray.cluster_utils import Cluster
+
+        self._cluster = Cluster(initialize_head=True, shutdown_at_exit=True, head_node_args=_arguments(num_cpus))
+        self.head = self._cluster.head_node
+        self.address: str = self._cluster.address
+
+    def add(self, num_cpus: float, **variables: str) -> Any:
+        """A further node, whose processes have these environment variables."""
+        return self._cluster.add_node(**_arguments(num_cpus), env_vars=variables or None)
+
+    def remove(self, node: Any) -> None:
+        """The node is gone at once, with all of its processes."""
+        self._cluster.remove_node(node, allow_graceful=False)
+
+    def shut_down(self) -> None:
+        """End all nodes."""
+        self._cluster.shutdown()
+
+
+def _arguments(num_cpus: float) -> dict[str, Any]:
+    return {"num_cpus": num_cpus, "object_store_memory": OBJECT_STORE_BYTES, "include_dashboard": False}
+
+
+@contextlib.contextmanager
+def nodes(num_cpus: float) -> Iterator[Nodes]:
+    """A cluster whose head has so many CPUs."""
+    cluster = Nodes(num_cpus)
+    try:
+        yield cluster
+    finally:
+        cluster.shut_down()
+
+
+def processes_at(node: Any, name: str) -> list[int]:
+    """The processes at a node that Ray shows under a name, which is the class of an actor."""
+    raylet = node.all_processes["raylet"][0].process.pid
+    return [
+        number
+        for number, (parent, words) in processes().items()
+        if parent == raylet and words.startswith(f"ray::{name}")
+    ]
+
+
+def processes() -> dict[int, tuple[int, str]]:
+    """Parent and command line of every process."""
+    found = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            words = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            found[int(entry.name)] = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]), words
+    return found
+
+
+def kill_one(node: Any, name: str) -> None:
+    """End one of these processes by force."""
+    os.kill(processes_at(node, name)[0], signal.SIGKILL)
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Wait for it, not for ever."""
+    end_s = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end_s, f"waited {WAIT_S} s in vain: {what}"
+        time.sleep(0.05)

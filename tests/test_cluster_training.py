@@ -1,0 +1,163 @@
+"""A3C on a real Ray cluster of two nodes: it is the laptop's, and it learns on through every fault."""
+
+import dataclasses
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from ray_nodes import Nodes, kill_one, nodes, processes_at
+from swarmchase.cluster.training import train_on_cluster
+from swarmchase.scenario import paper_scenario
+from swarmchase.training.a3c import train_a3c
+from swarmchase.training.losses import LossSettings
+from swarmchase.training.run import TrainingResult, TrainingStatus
+from swarmchase.training.run_folder import read_log
+from swarmchase.training.settings import TrainingSettings
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc to know a node's processes")
+
+WORLD = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
+SETTINGS = TrainingSettings(
+    num_agents=3,
+    chases_per_agent=4,
+    learning_rate=1e-3,
+    losses=LossSettings(discount=0.5),
+    max_updates=300,
+    seed=5,
+    evaluation_interval=300,
+    evaluation_chases=4,
+    checkpoint_interval=40,
+)
+LOCAL, GLOBAL = "LocalAgentActor", "GlobalAgentActor"
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Nodes]:
+    with nodes(num_cpus=1) as started:
+        yield started
+
+
+def test_one_agent_on_the_cluster_is_the_deterministic_schedule_bit_for_bit(cluster: Nodes, tmp_path: Path) -> None:
+    """Parameters, Adam, the agent's chases and random streams, the log and the best weights."""
+    settings = dataclasses.replace(
+        SETTINGS, num_agents=1, max_updates=20, evaluation_interval=20, checkpoint_interval=6, final_learning_rate=1e-4
+    )
+    results = [
+        train_on_cluster(WORLD, settings, tmp_path / "cluster", cluster.address),
+        train_a3c(WORLD, settings, tmp_path / "here", "deterministic"),
+    ]
+    assert results[0].best == results[1].best
+    assert [result.environment_steps for result in results] == [results[1].environment_steps] * 2
+    for file in ("resume.safetensors", "best.safetensors"):
+        one, other = load_file(tmp_path / "cluster" / file), load_file(tmp_path / "here" / file)
+        assert one.keys() == other.keys()
+        assert [name for name in one if not torch.equal(one[name], other[name])] == []
+    assert read_log(tmp_path / "cluster", "chase") == read_log(tmp_path / "here", "chase") != []
+    gradients = read_log(tmp_path / "cluster", "gradient")
+    assert [(line["update"], line["updates_behind"]) for line in gradients] == [(k, 0) for k in range(1, 21)]
+
+
+class Faults:
+    """What happens to a training, one thing after another: each when its condition holds, at an update or later."""
+
+    def __init__(self, *script: tuple[Callable[[int], bool], Callable[[], Any]]) -> None:
+        self._script = list(script)
+        self.happened_at: list[int] = []
+
+    def __call__(self, status: TrainingStatus) -> None:
+        if self._script and self._script[0][0](status.updates):
+            self._script.pop(0)[1]()
+            self.happened_at.append(status.updates)
+
+
+@dataclasses.dataclass(frozen=True)
+class Ordeal:
+    """A training with every fault in it."""
+
+    interrupted: TrainingResult
+    finished: TrainingResult
+    folder: Path
+    happened_at: list[int]
+
+
+@pytest.fixture(scope="module")
+def ordeal(cluster: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Ordeal:
+    """Two nodes with a CPU each, and three agents: one of them waits for a third node."""
+    folder = tmp_path_factory.mktemp("ordeal") / "run"
+    second = cluster.add(num_cpus=1)
+    third: list[Any] = []
+    faults = Faults(
+        (lambda update: update >= 20, lambda: kill_one(cluster.head, LOCAL)),
+        (lambda update: update >= 50, lambda: third.append(cluster.add(num_cpus=2))),
+        (lambda update: update >= 80 and len(processes_at(third[0], LOCAL)) == 1, lambda: cluster.remove(second)),
+        (
+            lambda update: update >= 130 and len(processes_at(third[0], LOCAL)) == 2,
+            lambda: kill_one(cluster.head, GLOBAL),
+        ),
+        (lambda update: update >= 200, lambda: signal.raise_signal(signal.SIGINT)),
+    )
+    interrupted = train_on_cluster(WORLD, SETTINGS, folder, cluster.address, progress=faults)
+    finished = train_on_cluster(WORLD, SETTINGS, folder, cluster.address, resume=True)
+    cluster.remove(third[0])
+    return Ordeal(interrupted, finished, folder, faults.happened_at)
+
+
+def told(ordeal: Ordeal, words: str) -> list[dict[str, Any]]:
+    return [line for line in read_log(ordeal.folder, "fault") if words in line["what"]]
+
+
+def test_every_fault_happened_and_the_training_came_to_its_end(ordeal: Ordeal) -> None:
+    assert len(ordeal.happened_at) == 5
+    assert (ordeal.interrupted.stopped, ordeal.finished.stopped) == ("interrupted", "finished")
+    assert ordeal.interrupted.updates >= 200
+    assert ordeal.finished.updates == int(load_file(ordeal.folder / "resume.safetensors")["global.updates"]) == 300
+    assert ordeal.finished.best is not None
+    assert ordeal.finished.best.update == 300
+
+
+def test_a_killed_agent_and_those_of_a_removed_node_come_back(ordeal: Ordeal) -> None:
+    """A third one starts on the node that was added."""
+    assert len(told(ordeal, "local agent ")) >= 2
+    assert len(told(ordeal, "has joined")) == 1
+    assert len(told(ordeal, "node ")) >= 2
+    gradients = read_log(ordeal.folder, "gradient")
+    before = {line["agent"] for line in gradients if line["update"] <= ordeal.happened_at[1]}
+    assert len(before) == 2
+    assert {line["agent"] for line in gradients if line["update"] > ordeal.happened_at[3]} == {0, 1, 2}
+
+
+def test_with_the_global_agent_at_most_a_checkpoint_interval_is_lost(ordeal: Ordeal) -> None:
+    (line,) = told(ordeal, "the global agent is gone")
+    words = line["what"].split(":")[0].split()
+    reached = int(words[words.index("update") + 1])
+    assert 0 <= reached - line["update"] <= SETTINGS.checkpoint_interval
+    assert line["update"] % SETTINGS.checkpoint_interval == 0
+
+
+def test_every_gradient_is_in_the_log_once_and_none_is_fresher_than_it_can_be(ordeal: Ordeal) -> None:
+    """What was lost with the global agent is made again, and the log with it."""
+    gradients = read_log(ordeal.folder, "gradient")
+    assert [line["update"] for line in gradients] == list(range(1, 301))
+    last: dict[int, int] = {}
+    for line in gradients[: ordeal.happened_at[3] - SETTINGS.checkpoint_interval]:
+        # Its agent fetched the parameters with its last update, or later: at the start of its process.
+        assert 0 <= line["updates_behind"] <= line["update"] - 1 - last.get(line["agent"], 0)
+        last[line["agent"]] = line["update"]
+    assert max(line["updates_behind"] for line in gradients) >= 1
+
+
+def test_it_learns_through_all_of_them(ordeal: Ordeal) -> None:
+    """As in test_a3c: an effect of more than 0.8 standard deviations on every axis."""
+    chases = read_log(ordeal.folder, "chase")
+    rate_m = np.array([line["reward_m"] for line in chases]) / [[line["movements"]] for line in chases]
+    fifth = len(chases) // 5
+    first, last = rate_m[:fifth], rate_m[-fifth:]
+    effect = (last.mean(axis=0) - first.mean(axis=0)) / np.sqrt((first.var(axis=0) + last.var(axis=0)) / 2)
+    assert fifth >= 15
+    assert (effect[1:] > 0.8).all(), effect
