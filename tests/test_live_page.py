@@ -549,11 +549,15 @@ def test_page_shows_the_chase(chromium: Any, size: tuple[int, int]) -> None:
         window.shows("#distance", " m")
         assert window.page.locator('.bar[data-chosen="true"]').count() == 4
         assert window.page.locator(".bar").count() == 20
-        before = {name: window.text(name) for name in ("#chase-time", "#movements", '[data-tracker="0"]', "#center")}
-        until(lambda: window.text("#movements") != before["#movements"])
-        assert all(window.text(name) != text for name, text in before.items())
+        for name in ("#chase-time", "#movements", '[data-tracker="0"]', "#center"):
+            assert_it_changes(window, name)
         assert_it_is_laid_out(window, size)
         assert_it_is_drawn(window)
+
+
+def assert_it_changes(window: Window, selector: str) -> None:
+    before = window.text(selector)
+    until(lambda: window.text(selector) != before)
 
 
 def assert_it_is_laid_out(window: Window, size: tuple[int, int]) -> None:
@@ -600,8 +604,7 @@ def test_old_data_are_greyed(chromium: Any) -> None:
         window.shows("#banner", re.compile(r"No data for 1\.\d s: the service sends nothing"))
         window.shows('[data-tracker="0"]', data_stale="stale")
         window.shows('[data-trace="0"]', "stale")
-        before = window.text('[data-tracker="0"] [data-column="rssi-age"]')
-        until(lambda: window.text('[data-tracker="0"] [data-column="rssi-age"]') != before)
+        assert_it_changes(window, '[data-tracker="0"] [data-column="rssi-age"]')
         window.page.reload()  # what was old stays old
         window.shows("#banner", "No data for")
         with Publisher(feed, time_s=30.0):
@@ -667,8 +670,7 @@ def test_live_chase_is_looked_back_at(chromium: Any) -> None:
         window.shows("body", data_past="true", data_time_s="0")
         window.shows("#shown-time", "PAST")
         window.shows("#decision-number", "none yet")
-        live_s = window.text("#chase-time")
-        until(lambda: window.text("#chase-time") != live_s)  # the state beside the buttons stays the live one
+        assert_it_changes(window, "#chase-time")  # the state beside the buttons stays the live one
         assert window.data("timeS") == "0"
         window.page.locator("#slider").fill("15")
         window.shows("#decision-number", "movement 10")
@@ -733,8 +735,7 @@ def test_without_webgl_the_rest_is_there(chromium: Any) -> None:
         window = Window(chromium, server.url, script=WITHOUT_WEBGL)
         window.shows("#scene-missing", "no WebGL")
         window.shows("body", data_connection="live")
-        before = window.text("#chase-time")
-        until(lambda: window.text("#chase-time") != before)
+        assert_it_changes(window, "#chase-time")
         window.context.close()
 
 
