@@ -12,6 +12,8 @@ from swarmchase.cluster.connection import ray_module
 
 WAIT_S = 90
 OBJECT_STORE_BYTES = 120_000_000
+SYSTEM = {"health_check_initial_delay_ms": 1000, "health_check_period_ms": 1000, "health_check_failure_threshold": 5}
+"""A node that is gone is missed after some seconds, not after a quarter of a minute."""
 
 
 class Nodes:
@@ -21,7 +23,8 @@ class Nodes:
         ray_module()
         from ray.cluster_utils import Cluster
 
-        self._cluster = Cluster(initialize_head=True, shutdown_at_exit=True, head_node_args=_arguments(num_cpus))
+        arguments = _arguments(num_cpus) | {"_system_config": SYSTEM}
+        self._cluster = Cluster(initialize_head=True, shutdown_at_exit=True, head_node_args=arguments)
         self.head = self._cluster.head_node
         self.address: str = self._cluster.address
 

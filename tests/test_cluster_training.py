@@ -153,11 +153,13 @@ def test_every_gradient_is_in_the_log_once_and_none_is_fresher_than_it_can_be(or
 
 
 def test_it_learns_through_all_of_them(ordeal: Ordeal) -> None:
-    """As in test_a3c: an effect of more than 0.8 standard deviations on every axis."""
+    """The reward of a movement on the three axes, chase by chase, rises from the first fifth of the updates to the last
+    by an effect of more than 0.8 standard deviations, which is called large; 2.0 was seen."""
     chases = read_log(ordeal.folder, "chase")
-    rate_m = np.array([line["reward_m"] for line in chases]) / [[line["movements"]] for line in chases]
-    fifth = len(chases) // 5
-    first, last = rate_m[:fifth], rate_m[-fifth:]
-    effect = (last.mean(axis=0) - first.mean(axis=0)) / np.sqrt((first.var(axis=0) + last.var(axis=0)) / 2)
-    assert fifth >= 15
-    assert (effect[1:] > 0.8).all(), effect
+    update = np.array([line["update"] for line in chases])
+    rate_m = np.array([sum(line["reward_m"][1:]) / line["movements"] for line in chases])
+    first, last = rate_m[update <= 60], rate_m[update > 240]
+    assert min(len(first), len(last)) >= 30
+    assert (last.mean() - first.mean()) / np.sqrt((first.var() + last.var()) / 2) > 0.8
+    movements = np.array([line["movements"] for line in chases])
+    assert movements[update > 240].mean() < 0.7 * movements[update <= 60].mean()

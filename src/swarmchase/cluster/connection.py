@@ -19,6 +19,10 @@ LOCAL_OBJECT_STORE_BYTES = 200_000_000
 """Gradients and parameters on their way; what does not fit waits on disk."""
 REACH_LIMIT_S = 5.0
 """For a machine to take a connection."""
+HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
+SETTINGS_TYPE = 4
+FRAME_HEADER_BYTES = 9
+EMPTY_SETTINGS = bytes([0, 0, 0, SETTINGS_TYPE, 0, 0, 0, 0, 0])
 PROBE_LIMIT_S = 60.0
 """For a node to say what is installed there: it starts a Python process first."""
 
@@ -50,7 +54,7 @@ class Cluster:
         return f"the cluster has {len(self.node_names())} nodes with {self.num_cpus()} CPUs, {free} of them free"
 
     def require_same_software(self, node_names: dict[str, str]) -> None:
-        """Ask nodes what is installed there.
+        """Ask nodes what is installed there. One that is gone, which the cluster notices late, is passed over.
 
         Raises:
             InputError: it is not what this process runs, or a node does not answer.
@@ -58,10 +62,9 @@ class Cluster:
         here = installed()
         # Unwrapped: a type checker's wrapping, which tests have, cannot be sent.
         task = self.ray.remote(num_cpus=0, max_retries=0)(inspect.unwrap(installed))
-        answers = {
-            name: task.options(scheduling_strategy=at_node(node_id)).remote() for node_id, name in node_names.items()
-        }
-        for name, answer in answers.items():
+        answers = {node_id: task.options(scheduling_strategy=at_node(node_id)).remote() for node_id in node_names}
+        for node_id, answer in answers.items():
+            name = node_names[node_id]
             try:
                 require_same_software(name, self.ray.get(answer, timeout=PROBE_LIMIT_S), here)
             except self.ray.exceptions.GetTimeoutError as error:
@@ -69,6 +72,8 @@ class Cluster:
                     f"node {name} has not answered within {PROBE_LIMIT_S:g} s: see `ray status`"
                 ) from error
             except self.ray.exceptions.RayError as error:
+                if node_id not in self.node_names():
+                    continue
                 raise InputError(f"node {name} cannot run a task: {first_line(error)}") from error
 
 
@@ -119,7 +124,7 @@ def connected(address: str, local_cpus: int) -> Iterator[Cluster]:
             this package or with other versions.
     """
     if address != LOCAL:
-        _require_somebody(address)
+        _require_head(address)
     ray = ray_module()
     if ray.is_initialized():
         raise InputError("this process is connected to a Ray cluster already: leave it first (ray.shutdown())")
@@ -160,20 +165,34 @@ def _reason(error: Exception) -> str:
     return text
 
 
-def _require_somebody(address: str) -> None:
-    """Ray itself would try for a minute and then end the process.
+def _require_head(address: str) -> None:
+    """Ray itself would try for minutes.
 
     Raises:
-        InputError: not HOST:PORT, or nobody takes a connection there.
+        InputError: not HOST:PORT, nobody takes a connection there, or what does is no head of a cluster.
     """
     host, colon, port = address.rpartition(":")
     if not (colon and host and port.isascii() and port.isdigit() and 0 < int(port) < 2**16):
         raise InputError(f"cluster address {address!r} is refused: allowed is HOST:PORT of its head, or {LOCAL}")
     try:
-        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH_LIMIT_S):
-            pass
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH_LIMIT_S) as connection:
+            is_head = os.environ.get("RAY_USE_TLS") == "1" or _speaks_http2(connection)
     except OSError as error:
         raise InputError(
             f"nobody answers at the cluster address {address} ({error.strerror or error}): is `ray start --head "
             f"--port {port}` running there?"
         ) from error
+    if not is_head:
+        raise InputError(f"what answers at the cluster address {address} is not the head of a Ray cluster")
+
+
+def _speaks_http2(connection: socket.socket) -> bool:
+    """Whether it greets as the head's gRPC server does: with a SETTINGS frame (RFC 9113, Sections 3.4 and 6.5)."""
+    connection.sendall(HTTP2_PREFACE + EMPTY_SETTINGS)
+    greeting = b""
+    while len(greeting) < FRAME_HEADER_BYTES:
+        received = connection.recv(FRAME_HEADER_BYTES - len(greeting))
+        if not received:
+            return False
+        greeting += received
+    return greeting[3] == SETTINGS_TYPE
