@@ -31,6 +31,7 @@ ROOMS = [
     {"gated_network", "fading_network"},
     {"controllers"},
     {"live"},
+    {"simulation"},
     {"chases"},
     {"training"},
     {"evaluation"},

@@ -121,7 +121,7 @@ def test_what_is_said_how_often() -> None:
     assert [type(message) for message in situation.link.sent] == [RssiWindow, PositionReport, Heartbeat]
     situation.go_on(9.99, 0.01)
     counts = Counter(type(message) for message in situation.link.sent)
-    assert counts == {RssiWindow: 50, PositionReport: 50, Heartbeat: 10}
+    assert counts == {RssiWindow: 100, PositionReport: 100, Heartbeat: 10}
     assert all(message.tracker == TRACKER for message in situation.link.sent)
     assert situation.sent(PositionReport)[-1] == PositionReport(
         TRACKER, situation.sent(PositionReport)[-1].time_ns, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3)
@@ -198,7 +198,7 @@ def test_an_unknown_or_impossible_position_is_not_said() -> None:
     situation.fake.position_m = (math.nan, 0.0, 0.0)
     situation.go_on(1)
     assert situation.sent(PositionReport) == []
-    assert situation.agent.ignored["impossible position"] == 5
+    assert situation.agent.ignored["impossible position"] == 10
     assert len(situation.sent(Heartbeat)) == 2
 
 
@@ -527,5 +527,5 @@ def test_the_agent_is_small() -> None:
     ran = subprocess.run([sys.executable, "-c", AGENT_ALONE], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     sent, position_m, heavy, mebibytes = ran.stdout.split()
-    assert (sent, position_m, heavy) == ("110", "5.0", "[]")
+    assert (sent, position_m, heavy) == ("210", "5.0", "[]")
     assert int(mebibytes) < 80

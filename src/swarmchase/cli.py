@@ -19,6 +19,8 @@ from .commands.benchmark import (
     BenchmarkBatchedCommand,
     BenchmarkChannelCommand,
     BenchmarkEnvironmentCommand,
+    BenchmarkLiveCommand,
+    BenchmarkSoakCommand,
     BenchmarkTrainingCommand,
 )
 from .commands.chase import ChaseCommand
@@ -58,6 +60,8 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,
     "benchmark batched": BenchmarkBatchedCommand,
+    "benchmark live": BenchmarkLiveCommand,
+    "benchmark soak": BenchmarkSoakCommand,
     "keys": KeysCommand,
     "live": LiveCommand,
     "serve": ServeCommand,

@@ -57,9 +57,9 @@ class TrackerCommand(LinkOptions):
     """MAVLink system id of the autopilot."""
     autopilot_baud: int = 57_600
     """Of mavlink-serial."""
-    window_hz: float = 5.0
+    window_hz: float = 10.0
     """RSSI messages a second; each holds up to 50 samples."""
-    position_hz: float = 5.0
+    position_hz: float = 10.0
     """Position messages a second."""
     heartbeat_hz: float = 1.0
     """Heartbeats a second."""

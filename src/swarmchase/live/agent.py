@@ -30,9 +30,9 @@ class AgentSettings:
         InputError: a rate or time that cannot be.
     """
 
-    window_hz: float = 5.0
+    window_hz: float = 10.0
     """RSSI messages a second; each holds up to 50 samples, so that any one that arrives restores them all."""
-    position_hz: float = 5.0
+    position_hz: float = 10.0
     heartbeat_hz: float = 1.0
     hold_after_s: float = 1.0
     """After the sending of the last set-point the vehicle holds (PX4's COM_OF_LOSS_T)."""

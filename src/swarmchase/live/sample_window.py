@@ -131,9 +131,9 @@ class SampleWindow:
         cell = self._first_cell(since_ns) + np.arange(self._window_samples)
         place = cell % self._room
         there = self._cell[place] == cell
-        return np.where(there, self._rssi_dbm[place], np.nan), np.where(
-            there, self._time_ns[place], cell * self._period_ns
-        )
+        # Nothing is known of a missing sample's moment but its cell, and that it is not before the window.
+        missing_ns = np.maximum(cell * self._period_ns, since_ns)
+        return np.where(there, self._rssi_dbm[place], np.nan), np.where(there, self._time_ns[place], missing_ns)
 
     def first_valid_ns(self, since_ns: int) -> int | None:
         """When the first valid sample at or after this moment was taken; None before there is one."""

@@ -5,7 +5,7 @@ when the chase has ended.
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
@@ -67,8 +67,9 @@ class ServeSummary:
     """Since the loop began."""
     rejected: dict[str, int]
     """Datagrams that the link dropped, by reason."""
-    decision_latency_p99_ms: float | None
+    decision_latency_p50_ms: float | None
     """See ``ServeLoop.step``; None without a decision."""
+    decision_latency_p99_ms: float | None
 
 
 class ServeLoop:
@@ -123,7 +124,8 @@ class ServeLoop:
             movements=snapshot.movements,
             seconds=round(time.monotonic() - began_s, 3),
             rejected={str(reason): count for reason, count in sorted(self._link.rejected.items())},
-            decision_latency_p99_ms=percentile_99_ms(self._latency_s),
+            decision_latency_p50_ms=percentile_ms(self._latency_s, 50),
+            decision_latency_p99_ms=percentile_ms(self._latency_s, 99),
         )
 
     def _listen_until_next(self, ticker: Ticker) -> None:
@@ -189,8 +191,8 @@ class ServeLoop:
             self._tell(f"rejected a datagram: {reason} (told once, counted always)")
 
 
-def percentile_99_ms(seconds: deque[float]) -> float | None:
-    """The least value that 99 % do not exceed, in milliseconds; None of nothing."""
+def percentile_ms(seconds: Collection[float], percent: int) -> float | None:
+    """The least value that so many per cent do not exceed, in milliseconds; None of nothing."""
     if not seconds:
         return None
-    return round(1000 * sorted(seconds)[math.ceil(0.99 * len(seconds)) - 1], 3)
+    return round(1000 * sorted(seconds)[math.ceil(percent * len(seconds) / 100) - 1], 3)

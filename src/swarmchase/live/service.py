@@ -216,9 +216,10 @@ class ControllerService:
     def _sample(self) -> None:
         """Wait for the window, then judge and decide."""
         begins_ns = self._swarm.first_valid_ns(self._since_ns)
-        is_complete = begins_ns is not None and self._swarm.has_window(begins_ns)
+        allowance_s = self._settings.sampling_allowance_s
+        is_complete = begins_ns is not None and self._swarm.has_window(begins_ns, allowance_s)
         begins_ns = self._since_ns if begins_ns is None else begins_ns
-        allowed_s = self._scenario.window_s + self._settings.sampling_allowance_s
+        allowed_s = self._scenario.window_s + allowance_s
         if not is_complete and (self._now_ns - begins_ns) / 1e9 < allowed_s:
             return
         assert self._formation is not None

@@ -55,6 +55,12 @@ class Swarm:
         """The trackers that are commanded and heard."""
         return [tracker for tracker in self.commanded() if not self._records[tracker].is_silent(self._now_ns)]
 
+    def awaited(self, patience_s: float) -> list[int]:
+        """The trackers that are commanded, and of whose receivers more may be on its way."""
+        return [
+            tracker for tracker in self.commanded() if not self._records[tracker].is_silent(self._now_ns, patience_s)
+        ]
+
     def positions_m(self) -> Points:
         """Where each tracker was last seen [tracker, 3]; NaN where it never was."""
         nowhere = np.full(3, np.nan)
@@ -88,24 +94,26 @@ class Swarm:
         ]
 
     def first_valid_ns(self, since_ns: int) -> int | None:
-        """When, from this moment on, the first valid sample of all usable trackers was taken; None before that."""
-        found_ns = [self._records[tracker].first_valid_ns(since_ns) for tracker in self.usable()]
+        """When, from this moment on, the first valid sample of all trackers was taken; None before that."""
+        found_ns = [self._records[tracker].first_valid_ns(since_ns) for tracker in self.commanded()]
         return min((one_ns for one_ns in found_ns if one_ns is not None), default=None)
 
-    def has_window(self, since_ns: int) -> bool:
-        """Whether all usable trackers have taken the window that begins at this moment."""
-        return all(self._records[tracker].has_window(since_ns) for tracker in self.usable())
+    def has_window(self, since_ns: int, patience_s: float) -> bool:
+        """Whether all trackers have taken the window that begins at this moment; who is silent for longer than it
+        takes to be called so, and this long, is not waited for.
+        """
+        return all(self._records[tracker].has_window(since_ns) for tracker in self.awaited(patience_s))
 
     def window(self, since_ns: int, place_m: Points) -> tuple[Levels, Points]:
         """The window [sample, tracker] in dBm, NaN where nothing valid came, and where it was taken
         [sample, tracker, 3].
 
-        A tracker that is not usable has heard nothing, in the place where it should be [tracker, 3]: the mean of all
-        positions thus is the centre.
+        A tracker that is not commanded has heard nothing, in the place where it should be [tracker, 3]: the mean of
+        all positions thus is the centre.
         """
         rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
         position_m = np.broadcast_to(place_m, (*rssi_dbm.shape, 3)).copy()
-        for tracker in self.usable():
+        for tracker in self.commanded():
             rssi_dbm[:, tracker], position_m[:, tracker] = self._records[tracker].window(since_ns)
         return rssi_dbm, position_m
 

@@ -85,9 +85,9 @@ class TrackerRecord:
         """Whether nobody knows where it is."""
         return self.position_age_s(now_ns) > LOST_S
 
-    def is_silent(self, now_ns: int) -> bool:
-        """Whether it hears nothing, or nothing of what it hears arrives."""
-        return self.rssi_age_s(now_ns) > self._silent_s
+    def is_silent(self, now_ns: int, patience_s: float = 0.0) -> bool:
+        """Whether it hears nothing, or nothing of what it hears arrives, and has not for so much longer."""
+        return self.rssi_age_s(now_ns) > self._silent_s + patience_s
 
     def may_be_commanded(self, now_ns: int) -> bool:
         """Whether it is known where it is and that no one else flies it."""

@@ -1,7 +1,7 @@
 """UDP sockets: one that is listened on, and what the links need of one."""
 
 import socket
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from ..errors import InputError
 
@@ -9,6 +9,7 @@ Address = tuple[Any, ...]
 """As the socket module has it: host and port, and two more for IPv6."""
 
 
+@runtime_checkable
 class DatagramSocket(Protocol):
     """What the links use of a non-blocking socket; a simulation has others."""
 
