@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from ..controllers.protocol import Controller
 from ..live.agent import AgentSettings, TrackerAgent
 from ..live.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
-from ..live.clock import VirtualClock
+from ..live.clock import Clock, VirtualClock
 from ..live.keys import KEY_BYTES
 from ..live.mavlink_link import ControllerMavlinkLink, TrackerMavlinkLink
+from ..live.messages import Metres, TrackerMode
 from ..live.safety import SafetyLimits
 from ..live.service import ControllerService, Recorder, ServiceSettings
 from ..live.sources import Sample
+from ..live.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import RESTART_AFTER_S, FaultPlan, ProcessFault
 from .virtual_network import CONTROLLER, VirtualNetwork
@@ -50,8 +52,28 @@ class VirtualResult:
     """Of this machine's clock, for each decision: from before the step until the set-points are sent."""
 
 
+class SkewedClock:
+    """Ahead of another clock, and faster or slower: what two machines, or a machine and real time, are to each other.
+    Whoever sets ``ahead_ns`` or ``drift`` steps it.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.ahead_ns = 0
+        self.drift = 0.0
+        """Seconds that it gains in one second, counted from its making."""
+        self._clock, self._made_ns = clock, clock.now_ns()
+
+    def now_ns(self) -> int:
+        """Nanoseconds."""
+        return self.shown_ns(self._clock.now_ns())
+
+    def shown_ns(self, time_ns: int) -> int:
+        """What it shows when the other one shows this."""
+        return time_ns + self.ahead_ns + round(self.drift * (time_ns - self._made_ns))
+
+
 class VirtualChase:
-    """Chase ``chase`` of run ``seed``, step by step.
+    """Chase ``chase`` of run ``seed``, step by step. Its parts are there to be looked at, and to be put out of order.
 
     Args:
         recorder: is given every transition and decision.
@@ -68,27 +90,34 @@ class VirtualChase:
         settings: ServiceSettings | None = None,
         recorder: Recorder = lambda _entry: None,
         watch: Callable[[Snapshot], None] = lambda _snapshot: None,
+        limits: SafetyLimits | None = None,
     ) -> None:
         self.clock = VirtualClock(START_NS)
-        self._scenario, self._plan, self._watch = scenario, plan or FaultPlan(), watch
+        """The world's, and the controller's."""
+        self.tracker_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
+        """Monotonic ones: nobody but a reboot steps them."""
+        self.wall_clock = SkewedClock(self.clock)
+        """The controller's idea of real time."""
+        self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
+        self._scenario, self._controller, self._seed, self._chase = scenario, controller, seed, chase
+        self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
+        self._recorder, self._watch = recorder, watch
         self.world = World(scenario, seed, chase, self._plan)
         self.world.begin(START_NS)
-        self._network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
-        self._receivers = [_Receiver() for _ in range(NUM_TRACKERS)]
-        self._agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
-        self.link = ControllerMavlinkLink(
-            *CONTROLLER, KEYS, wall_time_ns=self.clock.now_ns, udp=self._network.controller
-        )
-        self._recorder = recorder
-        self.service = ControllerService(
-            scenario, controller, self.link, self.clock, SafetyLimits(), self._record, 1, seed, chase, settings
-        )
+        self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
+        self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
+        self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
+        """None where its process is dead."""
+        self.link, self.service = self._begun_service(epoch=1)
         self._announced_ns: int | None = None
         self._has_decided = False
         self._ticks = 0
         self._latency_s: list[float] = []
         self._movements_to_target: int | None = None
-        self.service.start()
+
+    def restart_service(self, epoch: int) -> None:
+        """Its process dies and is there again at once, without its state folder: a new chase begins."""
+        self.link, self.service = self._begun_service(epoch)
 
     def run(self) -> VirtualResult:
         """Until the chase has ended."""
@@ -109,16 +138,20 @@ class VirtualChase:
 
     def tick(self) -> None:
         """Let ``TICK_S`` pass."""
+        self.tick_without_service()
+        if self._ticks % 2 == 0:
+            self._step_service()
+
+    def tick_without_service(self) -> None:
+        """The same while the service hangs."""
         self.clock.advance(TICK_S)
         self._ticks += 1
         for receiver, samples in zip(self._receivers, self.world.advance(self.clock.now_ns()), strict=True):
             receiver.put(samples)
-        self._network.pass_on()
+        self.network.pass_on()
         for tracker in range(NUM_TRACKERS):
             self._step_agent(tracker)
-        self._network.pass_on()
-        if self._ticks % 2 == 0:
-            self._step_service()
+        self.network.pass_on()
 
     def _step_service(self) -> None:
         self._has_decided = False
@@ -143,40 +176,84 @@ class VirtualChase:
 
     def _step_agent(self, tracker: int) -> None:
         faults = {fault.fault: fault for fault in self._plan.of_process(tracker, self._seconds())}
-        agent = self._agents[tracker]
+        agent = self.agents[tracker]
         restart = faults.get(ProcessFault.RESTART)
         is_dead = ProcessFault.KILL in faults or (
             restart is not None and self._seconds() < restart.start_s + RESTART_AFTER_S
         )
         if is_dead:
-            self._agents[tracker] = None
+            self.agents[tracker] = None
             # Without its agent the vehicle does what an autopilot does without a companion.
             self.world.vehicles[tracker].hold()
         elif agent is None:
-            self._agents[tracker] = self._agent(tracker)
+            self.agents[tracker] = self._agent(tracker)
         elif not (ProcessFault.FROZEN in faults or (ProcessFault.SLOW in faults and self._ticks % SLOW_TICKS)):
             agent.step()
 
     def _agent(self, tracker: int) -> TrackerAgent:
-        link = TrackerMavlinkLink(
-            tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=self.clock.now_ns, udp=self._network.trackers[tracker]
+        wall_time_ns, udp = self.tracker_wall_clocks[tracker].now_ns, self.network.trackers[tracker]
+        link = TrackerMavlinkLink(tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=wall_time_ns, udp=udp)
+        vehicle, receiver = _Flown(self.world.vehicles[tracker]), self._receivers[tracker]
+        clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
+        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
+
+    def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
+        udp = self.network.controller
+        link = ControllerMavlinkLink(*CONTROLLER, KEYS, wall_time_ns=self.wall_clock.now_ns, udp=udp)
+        service = ControllerService(
+            self._scenario,
+            self._controller,
+            link,
+            self.clock,
+            self._limits,
+            self._record,
+            epoch,
+            self._seed,
+            self._chase,
+            self._settings,
         )
-        vehicle, receiver = self.world.vehicles[tracker], self._receivers[tracker]
-        sampling_hz = self._scenario.sampling_hz
-        return TrackerAgent(tracker, receiver, vehicle, link, self.clock, sampling_hz, AgentSettings())
+        service.start()
+        return link, service
 
     def _seconds(self) -> float:
         return (self.clock.now_ns() - START_NS) / 1e9
 
 
-class _Receiver:
-    """Hands on what the world has it hear. An ``RssiSource``."""
+class _Flown:
+    """A vehicle as its agent has it: time passes for it in the world alone, whatever the agent's clock says."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        self._vehicle = vehicle
+        self.go_to, self.hold = vehicle.go_to, vehicle.hold
+
+    @property
+    def position_m(self) -> Metres:
+        return self._vehicle.position_m
+
+    @property
+    def velocity_mps(self) -> Metres:
+        return self._vehicle.velocity_mps
+
+    @property
+    def mode(self) -> TrackerMode:
+        return self._vehicle.mode
+
+    def update(self, now_ns: int) -> None:
+        """The world does it."""
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class _Receiver:
+    """Hands on what the world has it hear, dated by its tracker's clock. An ``RssiSource``."""
+
+    def __init__(self, clock: SkewedClock) -> None:
+        self._clock = clock
         self._samples: list[Sample] = []
 
     def put(self, samples: list[Sample]) -> None:
-        self._samples += samples
+        self._samples += [(self._clock.shown_ns(time_ns), rssi_dbm) for time_ns, rssi_dbm in samples]
 
     def read(self, now_ns: int) -> list[Sample]:
         samples, self._samples = self._samples, []
