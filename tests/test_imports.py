@@ -44,6 +44,7 @@ ROOMS = [
     {"figures"},
     {"paper_figures"},
     {"comparison_figures"},
+    {"cluster_figures"},
     {"gym", "gym_registration"},
     {"benchmarks"},
     {"commands"},

@@ -18,6 +18,7 @@ import tyro
 from .commands.benchmark import (
     BenchmarkBatchedCommand,
     BenchmarkChannelCommand,
+    BenchmarkClusterCommand,
     BenchmarkEnvironmentCommand,
     BenchmarkLiveCommand,
     BenchmarkSoakCommand,
@@ -60,6 +61,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,
     "benchmark batched": BenchmarkBatchedCommand,
+    "benchmark cluster": BenchmarkClusterCommand,
     "benchmark live": BenchmarkLiveCommand,
     "benchmark soak": BenchmarkSoakCommand,
     "keys": KeysCommand,

@@ -58,8 +58,8 @@ class GlobalNews:
 
     updates: int
     arrivals: Sequence[Arrival] = field(repr=False)
-    busy_s: float
-    """Time spent on gradients in all."""
+    cpu_s: float
+    """CPU time of the global agent's process in all."""
 
 
 class GlobalAgentActor:
@@ -73,7 +73,6 @@ class GlobalAgentActor:
         self._interval = settings.checkpoint_interval
         self._kept = int(parameters.updates)
         self._arrivals: list[Arrival] = []
-        self._busy_s = 0.0
 
     def parameters(self) -> Reply:
         """The parameters as they are."""
@@ -82,7 +81,6 @@ class GlobalAgentActor:
 
     def exchange(self, agent: int, gradient: NDArray[np.float32], fetched_at: int) -> Reply:
         """Apply a gradient that was made of the parameters after update ``fetched_at``, and give the fresh ones."""
-        began_s = time.perf_counter()
         updates = self._global_agent.updates
         if updates - self._kept >= self._interval and not self._global_agent.finished:
             return Reply(None, updates, applied=False, finished=False)
@@ -90,9 +88,7 @@ class GlobalAgentActor:
         applied = self._global_agent.update(self._gradient)
         if applied:
             self._arrivals.append(Arrival(updates + 1, agent, updates - fetched_at))
-        reply = Reply(self._shared.vector.numpy(), self._global_agent.updates, applied, self._global_agent.finished)
-        self._busy_s += time.perf_counter() - began_s
-        return reply
+        return Reply(self._shared.vector.numpy(), self._global_agent.updates, applied, self._global_agent.finished)
 
     def snapshot(self) -> SharedParameters:
         """A copy of everything, for a checkpoint or an evaluation."""
@@ -105,7 +101,7 @@ class GlobalAgentActor:
     def news(self) -> GlobalNews:
         """What has happened since this was last asked."""
         arrivals, self._arrivals = self._arrivals, []
-        return GlobalNews(self._global_agent.updates, arrivals, self._busy_s)
+        return GlobalNews(self._global_agent.updates, arrivals, time.process_time())
 
 
 class RemoteGlobalAgent:

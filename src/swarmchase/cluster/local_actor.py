@@ -31,6 +31,8 @@ class Report:
     seconds: float
     exchange_s: float
     """Of these, waiting for the global agent."""
+    cpu_s: float
+    """CPU time of the agent's process."""
 
 
 def owned(snapshot: AgentSnapshot) -> AgentSnapshot:
@@ -60,7 +62,7 @@ class LocalAgentActor:
         """
         if start is not None:
             self._agent.restore(owned(start))
-        began_s = time.monotonic()
+        began_s, cpu_before_s = time.monotonic(), time.process_time()
         steps, finished, lost = 0, [], None
         waited_before_s = 0.0
         try:
@@ -84,4 +86,5 @@ class LocalAgentActor:
             lost,
             time.monotonic() - began_s,
             0.0 if self._global_agent is None else self._global_agent.exchange_s - waited_before_s,
+            time.process_time() - cpu_before_s,
         )

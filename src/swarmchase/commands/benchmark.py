@@ -2,8 +2,11 @@
 
 import dataclasses
 import importlib
+import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
 from .options import ScenarioOptions
@@ -15,14 +18,15 @@ class _BenchmarkCommand:
     json: bool = False
     """Print one JSON object on standard output."""
 
-    def report(self, name: str) -> None:
-        """Run ``swarmchase.benchmarks.<name>`` and show what it measured."""
+    def report(self, name: str, **options: Any) -> dict[str, Any]:
+        """Run ``swarmchase.benchmarks.<name>``, show what it measured and return it."""
         benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
-        result = benchmark.measure()
+        result: dict[str, Any] = benchmark.measure(**options)
         if self.json:
             print_json(result)
         else:
             CONSOLE.print(benchmark.table(result))
+        return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,3 +125,32 @@ class BenchmarkSoakCommand(ScenarioOptions):
             print_json(result)
         else:
             CONSOLE.print(soak.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkClusterCommand(_BenchmarkCommand):
+    """Updates a second of A3C on a Ray cluster by number of agents, and what a model of the cost says for more."""
+
+    seconds: float = 10.0
+    """Of each of nine measurements."""
+    figure: Path | None = None
+    """Draw it as PNG or PDF."""
+
+    def run(self) -> None:
+        """Measure, report and draw.
+
+        Raises:
+            InputError: no time to measure, or a figure that cannot be written.
+        """
+        from ..cluster_figures import draw_scaling
+        from ..files import require_writable_file
+
+        if not 0 < self.seconds < math.inf:
+            raise InputError(f"seconds = {self.seconds} is refused: allowed is greater than 0")
+        if self.figure is not None:
+            if self.figure.suffix not in (".png", ".pdf"):
+                raise InputError(f"figure {self.figure} is refused: allowed is .png or .pdf")
+            require_writable_file(self.figure)
+        result = self.report("cluster", seconds=self.seconds)
+        if self.figure is not None:
+            draw_scaling(result, self.figure)

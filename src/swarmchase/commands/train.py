@@ -90,6 +90,17 @@ class _TrainOptions:
         draw_training(read_log(self.folder, "chase"), read_log(self.folder, "evaluation"), picture)
         CONSOLE.print(f"Learning curves: {picture}", markup=False, soft_wrap=True)
 
+    def draw_staleness(self) -> None:
+        """How stale the gradients were, from the log of a run on a cluster."""
+        from ..cluster_figures import draw_staleness
+        from ..training.run_folder import read_log
+
+        gradients = read_log(self.folder, "gradient")
+        if gradients:
+            picture = self.folder / "staleness.png"
+            draw_staleness(gradients, picture)
+            CONSOLE.print(f"Staleness of the gradients: {picture}", markup=False, soft_wrap=True)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainA3CCommand(ScenarioOptions, _TrainOptions):
@@ -121,6 +132,8 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
                     scenario, settings, self.folder, self.cluster, self.resume, progress, _say_fault
                 )
         self.report(result)
+        if self.cluster is not None:
+            self.draw_staleness()
 
 
 @dataclass(frozen=True, kw_only=True)
