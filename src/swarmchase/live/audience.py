@@ -50,20 +50,27 @@ class Audience:
         """Where people at the page speak."""
         self._closers: list[Callable[[], None]] = []
         self._alarms: list[Callable[[], list[str]]] = []
+        self._page: _Page | None = None
         takers: list[FrameTaker] = []
         self.journal = Journal(tell)
         """The service's recorder."""
         try:
-            if options.log is not None:
-                takers.append(self._open_log(options.log, head, tell))
+            # In this order: where the page cannot be had, no log is begun.
             if options.page is not None:
                 takers.append(self._open_page(options.page, head, tell))
+            if options.log is not None:
+                takers.append(self._open_log(options.log, head, tell))
         except Exception:
             self.close()
             raise
         chronicle = Chronicle(link, head.began_ns, takers, self._all_alarms, target_m)
         self.watchers: list[Watcher] = [TrackerNews(tell), *([chronicle] if takers else [])]
         """Want to see the service after every step."""
+
+    def show_recording(self) -> None:
+        """The chase has ended: the page, at the same address, looks back at it."""
+        if self._page is not None:
+            self._page.look_back()
 
     def close(self) -> None:
         """End the page, and write the rest of the log."""
@@ -81,17 +88,45 @@ class Audience:
         return recorder.record_frame
 
     def _open_page(self, address: str, head: LogHead, tell: Tell) -> FrameTaker:
+        self._page = _Page(address, head)
+        self._closers.append(self._page.close)
+        self.words.append(self._page.feed.words)
+        tell(f"The page is at {self._page.url}")
+        return self._page.feed.publish
+
+    def _all_alarms(self) -> list[str]:
+        return [alarm for alarms in self._alarms for alarm in alarms()]
+
+
+class _Page:
+    """A page's server and what it shows.
+
+    Raises:
+        InputError: the address cannot be had, or a package is missing.
+    """
+
+    def __init__(self, address: str, head: LogHead) -> None:
         from .page.feed import Feed
         from .page.server import PageServer
         from .page_info import page_info
 
-        host, port = host_and_port(address)
-        feed = Feed(page_info(head), is_live=True)
-        server = PageServer(feed, host, port, None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES))
-        self._closers.append(server.close)
-        self.words.append(feed.words)
-        tell(f"The page is at {server.url}")
-        return feed.publish
+        self._host, port = host_and_port(address)
+        self._token = None if is_loopback(self._host) else secrets.token_urlsafe(TOKEN_BYTES)
+        self.feed = Feed(page_info(head), is_live=True)
+        self._server = PageServer(self.feed, self._host, port, self._token)
 
-    def _all_alarms(self) -> list[str]:
-        return [alarm for alarms in self._alarms for alarm in alarms()]
+    @property
+    def url(self) -> str:
+        return self._server.url
+
+    def look_back(self) -> None:
+        """Browsers find the new server by themselves, and it tells them that the chase is a recording."""
+        from .page.server import PageServer
+
+        port = self._server.port
+        self._server.close()
+        self.feed.is_live = False
+        self._server = PageServer(self.feed, self._host, port, self._token)
+
+    def close(self) -> None:
+        self._server.close()

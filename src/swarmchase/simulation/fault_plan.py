@@ -105,6 +105,8 @@ def fault_plan(text: str) -> FaultPlan:
             raise InputError(f"fault {item!r} is refused: there are {HELP}")
         try:
             plan = _WORDS[word](plan, value)
+        except InputError as error:
+            raise InputError(f"fault {item!r} is refused: {error}") from error
         except ValueError:
             raise InputError(f"fault {item!r} is refused: there are {HELP}") from None
     return plan

@@ -159,9 +159,8 @@ def run_live_chase(
             head = new_head(
                 live.controller, live.scenario, live.seed, live.chase, epoch, limits, MonotonicClock().now_ns()
             )
-            site = Stage(Play(live.scenario, live.seed, live.chase, live.plan, link.address[1], folder))
-            stage = site
-            audience = Audience(live.audience, head, link, tell, lambda: _target_m(site))
+            audience = Audience(live.audience, head, link, tell, lambda: _target_m(stage))
+            stage = Stage(Play(live.scenario, live.seed, live.chase, live.plan, link.address[1], folder))
             tell("Six trackers are starting.")
             stage.wait(lambda: request.made)
             progress = _Progress(stage, live.scenario)
@@ -193,7 +192,8 @@ def run_live_chase(
             stage.close()
             stage = None
             if linger and not request.made:
-                tell("The page stays until Ctrl-C.")
+                audience.show_recording()
+                tell("The page looks back at the chase until Ctrl-C.")
                 while not request.made:
                     time.sleep(0.1)
             return told
@@ -205,8 +205,8 @@ def run_live_chase(
             link.close()
 
 
-def _target_m(stage: Stage) -> Metres | None:
-    return None if stage.truth is None else stage.truth.target_m
+def _target_m(stage: Stage | None) -> Metres | None:
+    return None if stage is None or stage.truth is None else stage.truth.target_m
 
 
 def _summary(summary: ServeSummary, stage: Stage, scenario: Scenario, movements_to_target: int | None) -> LiveSummary:

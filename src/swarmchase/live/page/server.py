@@ -68,6 +68,11 @@ class PageServer:
         query = "" if self._token is None else f"?token={quote(self._token, safe='')}"
         return f"http://{name}:{self._port}/{query}"
 
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._port
+
     def close(self) -> None:
         """End it; browsers look for it again by themselves."""
         self._server.should_exit = True
