@@ -14,9 +14,9 @@ import pytest
 
 import swarmchase
 from swarmchase import networks
-from swarmchase.blocks import weights_sha256
 from swarmchase.comparison import read_results, summaries
 from swarmchase.comparison_report import comparison_tables
+from swarmchase.controllers import weights_sha256
 from swarmchase.reproduction import read_evaluations
 from swarmchase.results_report import report_tables
 from swarmchase.scenario import Scenario

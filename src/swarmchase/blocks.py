@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import __version__
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult
-from .controllers import ActionChoice, load_controller, weights_path
+from .controllers import ActionChoice, load_controller, weights_sha256
 from .errors import InputError
 from .evaluation import Evaluation, evaluate
 from .files import atomic_path, require_writable_folder
@@ -198,12 +198,6 @@ def file_name(text: str) -> str:
     """A file name that no other text has."""
     plain = re.sub(r"[^A-Za-z0-9.]+", "-", Path(text).stem if "/" in text else text).strip("-")
     return plain if plain == text else f"{plain}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-
-
-def weights_sha256(controller: str, scenario: Scenario) -> str | None:
-    """Which weights a trained controller has; None for one that has none."""
-    path = weights_path(controller, scenario)
-    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def save_table(path: Path, table: "pa.Table") -> None:

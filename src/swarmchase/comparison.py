@@ -16,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from . import __version__
-from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table, weights_sha256
+from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table
 from .chases import ChaseResult
-from .controllers import load_controller
+from .controllers import load_controller, weights_sha256
 from .controllers.shipped import setting_name
 from .environment import Environment
 from .errors import InputError

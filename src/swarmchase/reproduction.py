@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import __version__
-from .blocks import Finished, Job, Runner, evaluate_jobs, save_table, weights_sha256
+from .blocks import Finished, Job, Runner, evaluate_jobs, save_table
 from .channel import FadingProcess, fading_db
 from .chases import ChaseResult
+from .controllers import weights_sha256
 from .controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
 from .errors import InputError
 from .evaluation import Evaluation

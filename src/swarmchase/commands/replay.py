@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import secrets
 import sys
 import time
 from dataclasses import dataclass
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.1
 MOST_ROWS = 20
-TOKEN_BYTES = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +54,10 @@ class ReplayCommand:
 
     def _show(self, recording: "Recording") -> None:
         """The page is there at once; a long log takes some seconds to be all there."""
-        from ..live.address import host_and_port, is_loopback
+        from ..live.address import host_and_port
         from ..live.page.feed import Feed
         from ..live.page.server import PageServer
+        from ..live.page.token import new_token
         from ..live.page_info import page_info
         from ..live.stop_request import stop_request
 
@@ -67,7 +66,7 @@ class ReplayCommand:
         host, port = host_and_port(self.page)
         feed = Feed(page_info(recording.head) | {"duration_s": round(recording.seconds, 3)}, is_live=False)
         with stop_request() as request:
-            server = PageServer(feed, host, port, None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES))
+            server = PageServer(feed, host, port, new_token(host))
             try:
                 _tell(f"The page is at {server.url}; Ctrl-C ends it.")
                 for frame in recording.frames():

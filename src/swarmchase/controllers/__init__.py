@@ -1,5 +1,6 @@
 """Controllers: one file each, all behind ``protocol.Controller``. ``load_controller`` finds one by name or path."""
 
+import hashlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -28,6 +29,7 @@ __all__ = [
     "load_controller",
     "network_controller",
     "weights_path",
+    "weights_sha256",
 ]
 
 _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
@@ -55,6 +57,19 @@ def weights_path(name_or_path: str | Path, scenario: Scenario) -> Path | None:
         return None
     chosen = chosen_weights(str(name_or_path), scenario)
     return Path(name_or_path) if chosen is None else chosen.path
+
+
+def weights_sha256(name_or_path: str | Path, scenario: Scenario) -> str | None:
+    """Which weights a trained controller has; None for one that has none.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = weights_path(name_or_path, scenario)
+    try:
+        return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read the weights {path}: {error.strerror or error}") from error
 
 
 def load_controller(

@@ -1,19 +1,16 @@
 """Who follows a live chase: people at a page, a log, lines on a terminal. What they see never holds up what flies."""
 
-import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .address import host_and_port, is_loopback
+from .address import host_and_port
 from .chronicle import Chronicle, FrameTaker
 from .log_entries import LogHead
 from .mavlink_link import ControllerMavlinkLink
 from .messages import Metres
 from .serve_loop import Journal, Tell, Watcher, Words
 from .tracker_news import TrackerNews
-
-TOKEN_BYTES = 16
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,11 @@ class _Page:
     def __init__(self, address: str, head: LogHead) -> None:
         from .page.feed import Feed
         from .page.server import PageServer
+        from .page.token import new_token
         from .page_info import page_info
 
         self._host, port = host_and_port(address)
-        self._token = None if is_loopback(self._host) else secrets.token_urlsafe(TOKEN_BYTES)
+        self._token = new_token(self._host)
         self.feed = Feed(page_info(head), is_live=True)
         self._server = PageServer(self.feed, self._host, port, self._token)
 

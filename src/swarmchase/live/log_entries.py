@@ -4,7 +4,6 @@ Numbers keep every bit: JSON's decimals are the shortest that read back the same
 """
 
 import dataclasses
-import hashlib
 import json
 import math
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 import numpy as np
 
 from .. import __version__
-from ..controllers import weights_path
+from ..controllers import weights_sha256
 from ..errors import InputError
 from ..scenario import NUM_TRACKERS, Scenario
 from .chase_state import ChaseState, Decision, Transition
@@ -142,19 +141,6 @@ def new_head(
         datetime.now(UTC),
         began_ns,
     )
-
-
-def weights_sha256(controller: str, scenario: Scenario) -> str | None:
-    """Which weights a controller has, None for one without.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    path = weights_path(controller, scenario)
-    try:
-        return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot read the weights {path}: {error.strerror or error}") from error
 
 
 # To JSON

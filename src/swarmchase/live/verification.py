@@ -7,10 +7,10 @@ from typing import Any
 import torch
 
 from .. import __version__
-from ..controllers import Controller, load_controller
+from ..controllers import Controller, load_controller, weights_sha256
 from ..observation import Observation
 from .chase_state import Decision
-from .log_entries import LogHead, weights_sha256
+from .log_entries import LogHead
 from .recording import Recording
 
 RecordedAction = tuple[float, float, float, float]
