@@ -196,3 +196,53 @@ def table(result: dict[str, Any]) -> "Table":
         f"below the line: by the model, on a rack with {result['network_bits_per_s'] / 1e9:g} Gb/s and a core an agent"
     )
     return shown
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """The tables of docs/cluster.md: what was measured, what an update costs, what the model says of a rack."""
+    cost = UpdateCost(**result["cost"])
+    network_s = cost.network_s(result["network_bits_per_s"])
+    saturating = {
+        (one["chases_per_agent"], one["update_interval"]): one["agents"] for one in result["saturating_agents"]
+    }
+    settings = list(saturating)
+    planned = {(one["chases_per_agent"], one["update_interval"], one["agents"]): one for one in result["planned"]}
+    measured = [
+        f"| {row['agents']} | {row['chases_per_agent']} | {row['updates_per_s']:.1f} | "
+        f"{row['predicted_updates_per_s']:.1f} | {row['steps_per_s']:.0f} | {row['updates_behind']:.1f} |"
+        for row in result["measured"]
+    ]
+    costs = [
+        ("agent, fixed", cost.agent_fixed_s),
+        ("agent, each movement of each chase", cost.agent_step_s),
+        ("global agent's process", cost.global_agent_s),
+        ("raylet of its node", cost.raylet_s),
+        ("network, each direction", network_s),
+        ("delay beyond these", cost.delay_s),
+    ]
+    rack = [
+        f"| {chases} | {interval} | "
+        + " | ".join(_shown_rates(planned[chases, interval, agents]) for agents in SHOWN_AGENTS)
+        + f" | {saturating[chases, interval]:.0f} |"
+        for chases, interval in settings
+    ]
+    heads = " | ".join(f"{agents} agents" for agents in SHOWN_AGENTS)
+    return "\n".join(
+        [
+            "| agents | chases each | updates/s | model | movements/s | updates behind |",
+            "|---|---|---|---|---|---|",
+            *measured,
+            "",
+            "| cost of an update | ms |",
+            "|---|---|",
+            *(f"| {name} | {1e3 * seconds:.1f} |" for name, seconds in costs),
+            "",
+            f"| chases each | T | {heads} | saturates at agents |",
+            "|---|---|---|---|---|---|",
+            *rack,
+        ]
+    )
+
+
+def _shown_rates(prediction: dict[str, Any]) -> str:
+    return f"{prediction['updates_per_s']:.0f} / {prediction['steps_per_s']:,.0f}"

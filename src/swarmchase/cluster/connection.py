@@ -7,6 +7,7 @@ import socket
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, WorkerDiedError
@@ -17,6 +18,8 @@ LOCAL = "local"
 """The address that starts a cluster on this machine."""
 LOCAL_OBJECT_STORE_BYTES = 200_000_000
 """Gradients and parameters on their way; what does not fit waits on disk."""
+TOKEN_FILE = Path("~/.ray/auth_token")
+"""The secret that all machines of a cluster share: ``ray get-auth-token --generate``."""
 REACH_LIMIT_S = 5.0
 """For a machine to take a connection."""
 HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
@@ -104,6 +107,9 @@ def ray_module() -> Any:
         InputError: it is not installed.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if _has_token():
+        # A cluster whose machines have a token wants it; `ray start` looks for it unasked, Ray's Python does not.
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
         import ray
     except ModuleNotFoundError as error:
@@ -111,6 +117,10 @@ def ray_module() -> Any:
     # A node that lacks this package, or has another, must still be able to say so.
     ray.cloudpickle.register_pickle_by_value(software)
     return ray
+
+
+def _has_token() -> bool:
+    return bool({"RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"} & os.environ.keys()) or TOKEN_FILE.expanduser().exists()
 
 
 @contextlib.contextmanager
@@ -160,6 +170,8 @@ def _reason(error: Exception) -> str:
     text = " ".join(str(error).split())
     if "ersion mismatch" in text:
         return f"{text}; install the same versions on all machines"
+    if "Failed to connect" in text or "uthenticat" in text:
+        return f"{text}; has this machine the token of its head ({TOKEN_FILE})?"
     if "node_ip_address" in text or "Raylet" in text or "raylet" in text:
         return f"this machine is none of its nodes: `ray start --address HOST:PORT` here first ({text})"
     return text
