@@ -342,6 +342,9 @@ class _Supervisor:
                 report = self._report(agent)
                 if report is not None:
                     self._enter(agent, report)
+        if self._news is not None:
+            news, self._news = self._answer(self._news), None
+            self._enter_news(news)
         self._enter_news(self._asked(self._global_agent.news))
         self._make_last_evaluation()
         parameters = self._asked(self._global_agent.snapshot)
