@@ -221,3 +221,31 @@ def test_the_comparisons_are_of_the_shipped_controllers(name: str) -> None:
     for origin in origins:
         told = Scenario.from_dict(origin["told"])
         assert origin["weights_sha256"] == weights_sha256(origin["controller"], told), origin["controller"]
+
+
+def live_rows(result: dict[str, Any]) -> list[list[str]]:
+    """The table of docs/live.md, from what ``swarmchase benchmark live --json`` printed."""
+    table = []
+    for name, one in result["settings"].items():
+        low, high = one["success_rate_ci95"]
+        table.append(
+            [
+                name,
+                f"{one['success_rate']:.0%} [{low:.0%}, {high:.0%}]",
+                "{:.1f} [{:.1f}, {:.1f}]".format(one["movements_mean"], *one["movements_mean_ci95"]),
+                "{:.0f} [{:.0f}, {:.0f}]".format(one["movements_p90"], *one["movements_p90_ci95"]),
+                f"{one['movements_to_target_mean']:.1f}",
+                f"{one['seconds_mean']:.0f}",
+            ]
+        )
+    return table
+
+
+def test_live_figures_are_the_measured_ones() -> None:
+    result = json.loads((ROOT / "benchmarks" / "live.json").read_text())
+    text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8").partition("## How well it works")[2]
+    lines = [line for line in text.partition("\n## ")[0].splitlines() if line.startswith("|")]
+    found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
+    assert found == live_rows(result)
+    command = f"swarmchase benchmark live --chases {result['chases']} --sampling-hz {result['sampling_hz']:g}"
+    assert f"{command} --spatial-correlation {result['spatial_correlation']:g}" in text

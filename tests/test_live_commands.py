@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from typing import Any
 import pytest
 
 pytest.importorskip("pymavlink", reason="the MAVLink link needs pymavlink: pip install swarmchase[live]")
+pytest.importorskip("mcap", reason="the log needs mcap: pip install swarmchase[live]")
+pytest.importorskip("uvicorn", reason="the page needs uvicorn: pip install swarmchase[live]")
 
 from swarmchase.cli import main
 from swarmchase.commands.serve import ServeCommand
@@ -28,6 +31,7 @@ from swarmchase.live.keys import new_keys, read_keys, write_keys
 from swarmchase.live.mavlink_link import ControllerMavlinkLink
 from swarmchase.live.messages import Heartbeat, PositionReport, TrackerMode
 from swarmchase.live.operator_words import OperatorWords
+from swarmchase.live.recording import read_recording
 from swarmchase.live.safety import SafetyLimits
 from swarmchase.live.serve_loop import percentile_ms
 from swarmchase.live.service import ServiceSettings
@@ -35,6 +39,7 @@ from swarmchase.live.source_address import SourceDetails, open_source
 from swarmchase.live.state_folder import UNIX_TIME_OF_2025_S, default_state_folder, next_epoch
 from swarmchase.live.ticker import next_moment_ns
 from swarmchase.live.vehicle_address import VehicleDetails
+from swarmchase.live.verification import verify
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -210,7 +215,8 @@ def refusal(words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_a_chase_outlives_a_killed_service(site: Site) -> None:
-    first = site.serve()
+    log = site.folder / "killed.mcap"
+    first = site.serve("--log", str(log))
     epoch = int(first.wait_for(r"Listening on 127.0.0.1:\d+, controller gradient, epoch (\d+)")[1])
     trackers = site.swarm(EAST_IS_LOUDER_DBM)
     first.say("start")
@@ -226,6 +232,12 @@ def test_a_chase_outlives_a_killed_service(site: Site) -> None:
     center_m = center_where_all_stand_still(site)
     assert center_m[0] > CENTER_M[0] + 2  # each movement takes them 4 m east
     assert abs(center_m[1] - CENTER_M[1]) < 0.5
+
+    recording = read_recording(log)
+    assert recording.is_cut
+    assert recording.movements >= 1
+    assert len(list(recording.frames())) >= 10
+    assert verify(recording).is_same
 
     second = site.serve("--start", scenario=SHORT_WINDOWS + "max_movements = 2\n")
     assert int(second.wait_for(r"epoch (\d+)")[1]) > epoch
@@ -269,8 +281,12 @@ def center_where_all_stand_still(site: Site) -> tuple[float, ...]:
 
 def test_reached_by_signal_strength_and_a_stranger_is_counted(site: Site) -> None:
     write_keys(site.folder / "other-keys", new_keys())
-    service = site.serve("--start")
+    log = site.folder / "chase.mcap"
+    service = site.serve("--start", "--log", str(log), "--page", "127.0.0.1:0")
+    page = service.wait_for(r"The page is at (http://127.0.0.1:\d+/)")[1]
     service.wait_for("Listening")
+    with urllib.request.urlopen(page, timeout=PATIENCE_S) as answer:
+        assert (answer.status, answer.headers.get_content_type()) == (200, "text/html")
     stranger = site.tracker(5, "simulated:-60", "--state-folder", str(site.folder), keys=site.folder / "other-keys")
     service.wait_for("rejected a datagram: wrong key")
     assert stranger.stop(signal.SIGINT)["mode"] == "holding"
@@ -280,6 +296,9 @@ def test_reached_by_signal_strength_and_a_stranger_is_counted(site: Site) -> Non
     assert summary["state"] == "reached"
     assert summary["rejected"]["wrong key"] > 0
     assert service.told[-1].startswith("Ended reached after ")
+    recording = read_recording(log)
+    assert (recording.is_cut, recording.state.value) == (False, "reached")
+    assert [frame["state"] for frame in recording.frames()][-1] == "reached"
 
 
 def test_the_operators_words(site: Site) -> None:
