@@ -80,11 +80,11 @@ class Cluster:
                 raise InputError(f"node {name} cannot run a task: {first_line(error)}") from error
 
 
-def at_node(node_id: str, soft: bool = False) -> Any:
-    """The scheduling strategy for this node; with ``soft`` for another where it is gone."""
+def at_node(node_id: str) -> Any:
+    """The scheduling strategy for this node and no other."""
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-    return NodeAffinitySchedulingStrategy(node_id, soft=soft)
+    return NodeAffinitySchedulingStrategy(node_id, soft=False)
 
 
 def first_line(error: BaseException) -> str:

@@ -148,9 +148,9 @@ class _Supervisor:
         self._run.show()
 
     def _start_global_agent(self) -> None:
-        # It takes no CPU for itself: there is room for it on any node, however many agents are there.
+        # Where the files are: without this node there is no run. It reserves no CPU: there is always room for it.
         actor = self._ray.remote(num_cpus=0, max_restarts=0)(GlobalAgentActor)
-        here = at_node(self._cluster.home, soft=True)
+        here = at_node(self._cluster.home)
         self._global_agent = actor.options(scheduling_strategy=here).remote(self._settings, self._run.shared)
         self._incarnation += 1
         self._news, self._news_asked_s = None, time.monotonic()

@@ -170,11 +170,12 @@ class TrainingLog:
                 self._board.add_scalar(f"{group}/{name}", number, update)
 
     def _forget_after(self, update: int) -> None:
-        """Drop what an interrupted run logged after its last checkpoint: it will be made again."""
+        """Drop what an interrupted run logged after its last checkpoint: it will be made again, but for the faults."""
         if self._path.exists():
             try:
                 lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
-                kept = [line for line in lines if line.endswith("\n") and json.loads(line)["update"] <= update]
+                whole = [(line, json.loads(line)) for line in lines if line.endswith("\n")]
+                kept = [line for line, entry in whole if entry["update"] <= update or entry["kind"] == "fault"]
             except (OSError, ValueError, LookupError, TypeError) as error:
                 raise InputError(f"training log {self._path} is damaged: move it away ({error})") from error
             write_text_atomically(self._path, "".join(kept))
