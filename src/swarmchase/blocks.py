@@ -215,13 +215,19 @@ class _Count:
     report: Finished
     ended: int = 0
     found: int = 0
+    told: tuple[int, int] = (0, 0)
 
     def running(self, chases: int, found: int, job: str) -> None:
         """So many of unfinished blocks have ended."""
-        self.report(self.ended + chases, self.found + found, job)
+        self._tell(self.ended + chases, self.found + found, job)
 
     def block_ended(self, block: Block, found: bool) -> None:
         """A block is complete."""
         self.ended += block.episodes
         self.found += block.episodes if found else 0
-        self.report(self.ended, self.found, block.job.name)
+        self._tell(self.ended, self.found, block.job.name)
+
+    def _tell(self, chases: int, found: int, job: str) -> None:
+        # Never less than before: a block that is complete says nothing of others that are at work with it.
+        self.told = max(self.told[0], chases), max(self.told[1], found)
+        self.report(*self.told, job)
