@@ -55,7 +55,7 @@ class Chronicle:
             self._link.loss_share(),
             self._link.rejected,
             self._latency_s,
-            self._alarms(),
+            [*self._alarms(), *_recorder_alarms(snapshot)],
             self._target_m(),
         )
         for take in self._takers:
@@ -68,3 +68,9 @@ class Chronicle:
             return False
         self._shown_ns = min(next_ns, snapshot.time_ns)
         return True
+
+
+def _recorder_alarms(snapshot: Snapshot) -> list[str]:
+    """Of a recorder that raises: one that only fails to write tells of it by itself."""
+    number = snapshot.recorder_failures
+    return [f"{number} entries could not be recorded"] if number else []

@@ -13,6 +13,8 @@ from .set_point_stream import SetPointStream
 from .tracker_record import TrackerRecord
 
 PLACES_OF_A_LOST_TRACKER = 11
+ASTRAY_M = 30.0
+"""No movement leaves a tracker this far from its place: what says so has a broken receiver of positions, or lies."""
 
 
 class Swarm:
@@ -108,13 +110,15 @@ class Swarm:
         """The window [sample, tracker] in dBm, NaN where nothing valid came, and where it was taken
         [sample, tracker, 3].
 
-        A tracker that is not commanded has heard nothing, in the place where it should be [tracker, 3]: the mean of
-        all positions thus is the centre.
+        A tracker that is not commanded, or is astray, has heard nothing, in the place where it should be [tracker, 3]:
+        the mean of all positions thus is the centre, wherever a single one says that it is.
         """
         rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
         position_m = np.broadcast_to(place_m, (*rssi_dbm.shape, 3)).copy()
         for tracker in self.commanded():
-            rssi_dbm[:, tracker], position_m[:, tracker] = self._records[tracker].window(since_ns)
+            heard_dbm, taken_at_m = self._records[tracker].window(since_ns)
+            if np.linalg.norm(taken_at_m - place_m[tracker], axis=1).max() <= ASTRAY_M:
+                rssi_dbm[:, tracker], position_m[:, tracker] = heard_dbm, taken_at_m
         return rssi_dbm, position_m
 
     def set_points(self, epoch: int, now_ns: int) -> list[SetPoint]:

@@ -31,7 +31,8 @@ class FailingReceiver:
         if is_off or fault is ReceiverFault.SILENT:
             return []
         if fault is ReceiverFault.STUCK:
-            return [(time_ns, self._last_dbm)]
+            # Where nobody hears anything, so that it does not begin a window of its own.
+            return [(time_ns, rssi_dbm if math.isnan(rssi_dbm) else self._last_dbm)]
         if fault is ReceiverFault.GARBAGE:
             return [(time_ns, self._random.choice(ABSURD_DBM))]
         if fault is ReceiverFault.WRONG:

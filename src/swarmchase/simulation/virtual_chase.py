@@ -24,7 +24,7 @@ from .virtual_network import CONTROLLER, VirtualNetwork
 from .world import World
 
 TICK_S = 0.025
-"""Agents step in every tick, the service in every second: 40 and 20 times a second."""
+"""Agents step in every tick, 40 times a second; the service steps in every second one and listens in the others."""
 START_NS = 2_000_000_000 * 10**9
 """A moment of the year 2033: the link's timestamps count from 2015."""
 LONGEST_CHASE_S = 3600.0
@@ -108,9 +108,9 @@ class VirtualChase:
         self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
         self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
         """None where its process is dead."""
+        self._has_decided = False
         self.link, self.service = self._begun_service(epoch=1)
         self._announced_ns: int | None = None
-        self._has_decided = False
         self._ticks = 0
         self._latency_s: list[float] = []
         self._movements_to_target: int | None = None
@@ -141,6 +141,8 @@ class VirtualChase:
         self.tick_without_service()
         if self._ticks % 2 == 0:
             self._step_service()
+        else:
+            self.service.listen()
 
     def tick_without_service(self) -> None:
         """The same while the service hangs."""
