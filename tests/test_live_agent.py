@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from swarmchase.errors import InputError
 from swarmchase.live.agent import AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.clock import VirtualClock
+from swarmchase.live.mavlink_link import TrackerMavlinkLink
 from swarmchase.live.messages import (
     Heartbeat,
     Message,
@@ -24,6 +25,8 @@ from swarmchase.live.messages import (
     TrackerMode,
 )
 from swarmchase.live.sources import CalibratedSource, Sample, SimulatedSource
+from swarmchase.live.stop_request import StopRequest
+from swarmchase.live.tracker_loop import run_tracker
 from swarmchase.live.vehicles import SimulatedVehicle, Vehicle
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
@@ -529,3 +532,77 @@ def test_the_agent_is_small() -> None:
     sent, position_m, heavy, mebibytes = ran.stdout.split()
     assert (sent, position_m, heavy) == ("210", "5.0", "[]")
     assert int(mebibytes) < 80
+
+
+# A source that fails
+
+
+class BrokenSource:
+    """Fails at its third read."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error, self.reads, self.closed = error, 0, False
+
+    def read(self, now_ns: int) -> list[Sample]:
+        self.reads += 1
+        if self.reads == 3:
+            raise self.error
+        return [(now_ns, -60.0)]
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.mark.parametrize(
+    ("error", "failure"),
+    [
+        (InputError("pcapng is refused"), "pcapng is refused"),
+        (ZeroDivisionError("of course"), "ZeroDivisionError: of course"),
+    ],
+)
+def test_when_its_source_fails_the_vehicle_stays_commandable(error: Exception, failure: str) -> None:
+    """It goes on to report where it is and that it lives, its samples are missing, and it flies where it is told."""
+    situation = Situation()
+    source = BrokenSource(error)
+    situation.agent = TrackerAgent(TRACKER, source, situation.fake, situation.link, situation.clock, sampling_hz=10.0)
+    situation.go_on(0.1)
+    assert situation.agent.source_failure is None
+    situation.go_on(0.9)
+    assert (situation.agent.source_failure, source.reads) == (failure, 3)
+    assert situation.agent.ignored == {"source failed": 1}
+    situation.link.sent.clear()
+    situation.go_on(7.0)
+    situation.hear(5.0)
+    assert situation.places() == [5.0]
+    assert [len(situation.sent(kind)) for kind in (PositionReport, Heartbeat)] == [70, 7]
+    last = situation.sent(RssiWindow)[-1]
+    assert isinstance(last, RssiWindow)
+    assert all(map(math.isnan, last.rssi_dbm))
+    situation.agent.close()
+    assert source.closed
+
+
+def test_what_happened_to_the_source_is_told_once() -> None:
+    situation = Situation()
+    source = BrokenSource(InputError("link type 1 is refused: allowed is 127, radiotap"))
+    link = TrackerMavlinkLink(TRACKER, "127.0.0.1", 1, unsigned=True)
+    agent = TrackerAgent(TRACKER, source, situation.fake, link, situation.clock, sampling_hz=10.0)
+    told: list[str] = []
+    request = StopRequest()
+    reads: list[int] = []
+    step = agent.step
+
+    def ten_steps() -> None:
+        step()
+        reads.append(source.reads)
+        request.made = len(reads) == 10
+
+    agent.step = ten_steps  # type: ignore[method-assign]
+    summary = run_tracker(TRACKER, agent, source, situation.fake, link, request, told.append)
+    assert reads == [1, 2, *[3] * 8]
+    assert told == [
+        "tracker 3 holds, at (1.00, 2.00, 3.00) m",
+        "tracker 3 hears nothing any more, and flies on: link type 1 is refused: allowed is 127, radiotap",
+    ]
+    assert summary.ignored == {"source failed": 1}
+    assert situation.fake.orders == ["hold", "close"]

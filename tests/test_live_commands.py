@@ -24,6 +24,7 @@ pytest.importorskip("mcap", reason="the log needs mcap: pip install swarmchase[l
 pytest.importorskip("uvicorn", reason="the page needs uvicorn: pip install swarmchase[live]")
 
 from swarmchase.cli import main
+from swarmchase.commands.keys import KeysCommand
 from swarmchase.commands.serve import ServeCommand
 from swarmchase.commands.tracker import TrackerCommand
 from swarmchase.live.agent import AgentSettings
@@ -554,3 +555,29 @@ def test_recordings_are_told_apart_by_their_ending(tmp_path: Path) -> None:
         source = open_source(f"replay:{tmp_path / name}", 10.0, details)
         assert source.read(1000) == [(1000, level_dbm)]
         source.close()
+
+
+# --- who reads it ----------------------------------------------------------------------------------------------------
+
+
+def test_help_that_nobody_reads_to_its_end_is_silent() -> None:
+    """As in ``swarmchase serve --help | head -1``, with a reader that has gone before the first line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        words = [sys.executable, "-m", "swarmchase", "serve", "--help"]
+        ran = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, ran.stderr) == (128 + signal.SIGPIPE, b"")
+
+
+def test_another_broken_pipe_is_a_failure_and_not_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    def breaks(command: KeysCommand) -> None:
+        raise BrokenPipeError(32, "of a worker")
+
+    monkeypatch.setattr(KeysCommand, "run", breaks)
+    with open(os.devnull, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        with pytest.raises(BrokenPipeError, match="of a worker"):
+            main(["keys", "file"])

@@ -8,10 +8,13 @@ code 2.
 
 import contextlib
 import io
+import os
 import re
+import select
+import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TextIO, runtime_checkable
 
 import tyro
 
@@ -76,12 +79,20 @@ WITHOUT_TORCH = (KeysCommand, TrackerCommand)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command and exit: 0 when it went well, 2 on bad input, 130 on Ctrl-C, 1 on any other failure."""
+    """Run one command and exit: 0 when it went well, 2 on bad input, 130 on Ctrl-C, 141 when nobody reads what it
+    prints any more (``| head``), 1 on any other failure.
+    """
     try:
         command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
         if not isinstance(command, WITHOUT_TORCH):
             _use_one_thread()
         command.run()
+    except BrokenPipeError:
+        if not _has_lost_its_reader(sys.stdout):
+            raise
+        # What is still to be flushed at the end goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(128 + signal.SIGPIPE)
     except InputError as error:
         line = " ".join(str(error).splitlines())
         CONSOLE.print(f"swarmchase: {line}", style="bold red", markup=False, soft_wrap=True)
@@ -114,6 +125,7 @@ def _parsed(words: list[str]) -> Command:
             )
     except SystemExit as error:
         if not error.code:
+            print(end="", flush=True)  # now, since nobody catches what fails at the very end
             raise
         command = f"{words[0]} " if words and words[0] in COMMANDS else ""
         raise InputError(f"{_one_line(refusal.getvalue())}; see: swarmchase {command}--help") from None
@@ -127,6 +139,13 @@ def _one_line(refusal: str) -> str:
     sections = re.split(r"^[│ ]*(?:[╭╰].*|[-─]{3,})[│ ]*$", plain, flags=re.MULTILINE)
     statement = sections[1 if len(sections) > 1 else 0].replace("│", " ").split("Got errors:")[0]
     return " ".join(statement.split()).rstrip(".:;")
+
+
+def _has_lost_its_reader(stream: TextIO) -> bool:
+    """Whether it is a pipe or socket whose other end is closed: any other broken pipe is a failure."""
+    poll = select.poll()
+    poll.register(stream, 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def _use_one_thread() -> None:

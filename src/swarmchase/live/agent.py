@@ -16,7 +16,7 @@ from ..errors import InputError
 from .clock import Clock
 from .link import Link
 from .messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
-from .sources.protocol import RssiSource
+from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
 from .vehicles.protocol import Vehicle
@@ -105,6 +105,8 @@ class TrackerAgent:
     ) -> None:
         Heartbeat(tracker, 0, TrackerMode.HOLDING)  # refuses what is no tracker
         self.ignored: Counter[str] = Counter()
+        self.source_failure: str | None = None
+        """Why the receiver is not asked any more."""
         self._tracker = tracker
         self._source = source
         self._vehicle = vehicle
@@ -122,7 +124,7 @@ class TrackerAgent:
     def step(self) -> None:
         """Do what is due now; never blocks. To be called ten times a second or more often."""
         now_ns = self._clock.now_ns()
-        for sample in self._source.read(now_ns):
+        for sample in self._sampled(now_ns):
             self._samples.add(sample, now_ns)
         for message in self._link.receive():
             self._hear(message, now_ns)
@@ -137,6 +139,19 @@ class TrackerAgent:
         self._source.close()
         self._vehicle.close()
         self._link.close()
+
+    def _sampled(self, now_ns: int) -> list[Sample]:
+        """What the receiver has heard. A source that fails is asked no more; the vehicle is flown on: to the controller
+        it is a silent tracker, which goes where it is told with the others.
+        """
+        if self.source_failure is not None:
+            return []
+        try:
+            return self._source.read(now_ns)
+        except Exception as error:
+            self.source_failure = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            self.ignored["source failed"] += 1
+            return []
 
     def _hear(self, message: Message, now_ns: int) -> None:
         if not isinstance(message, SetPoint):

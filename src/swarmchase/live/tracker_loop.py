@@ -49,14 +49,18 @@ def run_tracker(
 ) -> TrackerSummary:
     """Step until the request is made; then, and whatever happens, the vehicle is told to hold.
 
-    ``tell`` is given a line when the vehicle's mode changes.
+    ``tell`` is given a line when the vehicle's mode changes, and when the source fails.
     """
     began_s = time.monotonic()
     ticker = Ticker(STEPS_HZ)
     mode: TrackerMode | None = None
+    has_told_failure = False
     try:
         while not request.made:
             agent.step()
+            if agent.source_failure is not None and not has_told_failure:
+                has_told_failure = True
+                tell(f"tracker {tracker} hears nothing any more, and flies on: {agent.source_failure}")
             if vehicle.mode is not mode:
                 mode = vehicle.mode
                 tell(f"tracker {tracker} {_DOES[mode]}, at {_shown(vehicle.position_m)}")
