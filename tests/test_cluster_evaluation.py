@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from ray_nodes import Nodes, nodes, processes_at, wait_until
+from ray_nodes import Nodes, nodes, processes_at
 from swarmchase import blocks
 from swarmchase.blocks import Job, evaluate_jobs
 from swarmchase.cli import main
@@ -104,20 +104,21 @@ def test_interrupted_it_goes_on_behind_the_last_part(cluster: Nodes, here: list[
 
 
 def test_a_node_goes_and_another_comes_and_the_table_is_the_same(
-    cluster: Nodes, here: list[Evaluation], tmp_path: Path
+    cluster: Nodes, here: list[Evaluation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """It goes while it has a part at work."""
+    monkeypatch.setattr(cluster_evaluation, "PART_CHASES", 1)
     lost = cluster.add(num_cpus=1)
     new: list[Any] = []
 
     def exchange_nodes(chases: int, found: int, job: str) -> None:
-        if chases >= 6 and not new:
-            wait_until(lambda: processes_at(lost, "_chases") != [], "a part at work on the node")
+        if not new and processes_at(lost, "_chases"):
             cluster.remove(lost)
             new.append(cluster.add(num_cpus=1))
 
     there = run_on(cluster.address, tmp_path, exchange_nodes)
     assert [one.chases for one in there] == [one.chases for one in here]
-    cluster.remove(new[0])
+    cluster.remove(*new)
 
 
 def test_a_part_that_is_refused_there_ends_it_in_one_line(cluster: Nodes, tmp_path: Path) -> None:
