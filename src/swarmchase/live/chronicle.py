@@ -1,5 +1,6 @@
 """What is shown and kept of a chase while it runs: the snapshots become frames, for a page, a log or both."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from .chase_state import Snapshot
@@ -9,6 +10,8 @@ from .messages import Metres
 from .ticker import next_moment_ns
 
 FRAMES_HZ = 10.0
+LONGEST_PATH = 500
+"""Movements that a frame has the centres of: all of a chase in the paper, and the newest of an endless one."""
 
 FrameTaker = Callable[[Frame], None]
 """Never blocks and never raises."""
@@ -33,7 +36,7 @@ class Chronicle:
     ) -> None:
         self._link, self._began_ns, self._takers = link, began_ns, takers
         self._alarms, self._target_m = alarms, target_m
-        self._path_m: list[Metres] = []
+        self._path_m: deque[Metres] = deque(maxlen=LONGEST_PATH + 1)
         self._movements = -1
         self._shown_ns = began_ns
         self._shown: Snapshot | None = None

@@ -5,7 +5,7 @@ All metres are of the shared frame, x east, y north, z up. What is not known is 
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TypedDict
 
 from ..controllers.explanation import Explanation
@@ -63,7 +63,7 @@ class Frame(TypedDict):
     center_m: list[float] | None
     spacing_m: float | None
     path_m: list[list[float]]
-    """The centres of the formation from the first on, one a movement."""
+    """The centres of the formation from the first on, one a movement; of very many the newest."""
     trackers: list[TrackerFrame]
     """Six."""
     decision: DecisionFrame | None
@@ -82,7 +82,7 @@ class Frame(TypedDict):
 def frame_of(
     snapshot: Snapshot,
     began_ns: int,
-    path_m: Sequence[Metres],
+    path_m: Iterable[Metres],
     loss_share: Sequence[float | None],
     rejected: Counter[str],
     decision_latency_s: float | None,
