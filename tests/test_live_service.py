@@ -591,6 +591,89 @@ def test_samples_that_do_not_come_are_missing_after_a_while() -> None:
     assert np.isfinite(rssi_dbm[:, [0, 2, 3, 4, 5]]).all()
 
 
+# Which samples a window has
+
+
+def test_a_window_begins_with_the_first_valid_sample_after_the_settled_moment() -> None:
+    """Levels tell when they were heard. Settled .8 s after the start of sampling; for another .5 s nobody hears."""
+    bench = Bench(service_settings=ServiceSettings(reached_windows=0, settle_s=0.8))
+    bench.run_until(SAMPLING)
+    settled_s = bench.clock.now_ns() / 1e9 + 0.8
+
+    def level_dbm(tracker: FakeTracker, now_ns: int) -> float:
+        now_s = now_ns / 1e9
+        return -now_s if now_s < settled_s or now_s >= settled_s + 0.5 else math.nan
+
+    bench.level_dbm = level_dbm
+    bench.run_until(MOVING)
+    taken_s = -bench.decisions()[0].rssi_dbm
+    # Samples come every .1 s, at whole tenths.
+    first_s = math.ceil(round((settled_s + 0.5) * 10, 3)) / 10
+    assert taken_s == pytest.approx(first_s + 0.1 * np.arange(10)[:, None].repeat(6, 1), abs=1e-4)
+
+
+def test_one_tracker_that_hears_earlier_begins_the_window_for_all() -> None:
+    """From then on the others' samples are missing until they hear too."""
+    bench = Bench()
+    bench.run_until(SAMPLING)
+    began_ns = bench.clock.now_ns()
+    bench.level_dbm = lambda tracker, now_ns: -60.0 if tracker.number == 3 or now_ns >= began_ns + 0.45e9 else math.nan
+    bench.run_until(MOVING)
+    heard = np.isfinite(bench.decisions()[0].rssi_dbm)
+    assert heard.sum(axis=0).tolist() == [6, 6, 6, 10, 6, 6]
+    assert heard[4:].all()
+
+
+@pytest.mark.parametrize(
+    ("silent_before_s", "decides_after_s"),
+    [
+        (10.0, 1.0),  # long known to be silent: the others' ten samples
+        (2.5, 1.0),
+        (1.5, 1.5),  # called silent 1 s after its last sample, waited for 2 s longer
+        (0.5, 2.5),
+        (-0.5, 3.0),  # no window takes longer than its samples and 2 s
+    ],
+)
+def test_a_column_is_waited_for_until_its_tracker_is_silent_and_a_while(
+    silent_before_s: float, decides_after_s: float
+) -> None:
+    bench = Bench()
+    bench.run_until(SAMPLING)
+    bench.run(0.2)
+    bench.service.hold()
+    bench.trackers[1].hears = silent_before_s < 0
+    bench.run(max(silent_before_s, 0.2))
+    bench.service.resume()
+    bench.run_until(SAMPLING)
+    began_s = bench.clock.now_ns() / 1e9
+    if silent_before_s < 0:
+        bench.run(-silent_before_s)
+        bench.trackers[1].hears = False
+    bench.run_until(MOVING)
+    assert bench.clock.now_ns() / 1e9 - began_s == pytest.approx(decides_after_s, abs=0.2)
+    heard = np.isfinite(bench.decisions()[0].rssi_dbm)
+    assert heard[:, [0, 2, 3, 4, 5]].all()
+    assert heard[:, 1].sum() == (5 if silent_before_s < 0 else 0)
+
+
+def test_a_tracker_that_says_it_is_far_away_is_left_out_of_the_window() -> None:
+    """A broken receiver of positions: its column is empty and in its place, and the centre is where the others are."""
+    bench = Bench()
+    bench.run_until(SAMPLING)
+    liar = bench.trackers[5]
+    reports = liar.reports
+    liar.reports = lambda now_ns, sampling_hz: [  # type: ignore[method-assign]
+        dataclasses.replace(said, position_m=(90_000.0, 0.0, 0.0)) if isinstance(said, PositionReport) else said
+        for said in reports(now_ns, sampling_hz)
+    ]
+    bench.run_until(MOVING)
+    decision = bench.decisions()[0]
+    assert np.isnan(decision.rssi_dbm[:, 5]).all()
+    assert np.isfinite(decision.rssi_dbm[:, :5]).all()
+    assert decision.tracker_position_m[-1].mean(axis=0) == pytest.approx(np.zeros(3))
+    assert bench.service.snapshot().center_m == pytest.approx((10, -16, 30))
+
+
 # The operator
 
 
@@ -662,6 +745,34 @@ def test_the_operator_declares_the_target_reached() -> None:
     assert bench.told() == [0, 1, 2, 3, 4, 5]
     bench.service.hold()
     assert bench.service.state is REACHED
+
+
+def test_resumed_after_reached_it_goes_on_and_judges_anew() -> None:
+    """It takes two windows to be declared reached; those from before the operator's word do not count."""
+    bench = Bench(level_dbm=lambda *_: 0.0, service_settings=ServiceSettings(settle_s=0.0))
+    bench.still.displacement_m = [0.0, 0.0, 0.0]
+    bench.run_until(REACHED)
+    assert len(bench.decisions()) == 1
+    bench.run(5)
+    assert bench.service.state is REACHED
+    bench.service.resume()
+    assert (bench.service.state, bench.reason) == (HOLDING, "the operator says that it is not reached")
+    bench.run_until(MOVING)
+    assert len(bench.decisions()) == 2
+    bench.run_until(REACHED)
+    assert len(bench.decisions()) == 2
+    assert bench.told() == [0, 1, 2, 3, 4, 5]
+
+
+def test_resumed_after_the_operator_s_own_word_it_goes_on() -> None:
+    bench = Bench()
+    bench.run_until(MOVING)
+    bench.service.declare_reached()
+    bench.run(1)
+    bench.service.resume()
+    bench.run_until(MOVING, at_most_s=2)
+    bench.run_until(SAMPLING)
+    assert bench.reason == "arrived"
 
 
 # The controller
@@ -894,10 +1005,25 @@ def test_an_epoch_that_cannot_be_is_refused(epoch: int) -> None:
         Bench().new_service(epoch)
 
 
-@pytest.mark.parametrize("minimum_trackers", [0, 7])
-def test_settings_that_cannot_be_are_refused(minimum_trackers: int) -> None:
-    with pytest.raises(InputError, match="minimum_trackers"):
-        ServiceSettings(minimum_trackers=minimum_trackers)
+@pytest.mark.parametrize(
+    ("name", "refused", "allowed", "words"),
+    [
+        ("minimum_trackers", [0, 7, -1], [1, 6], "1 to 6"),
+        ("reached_windows", [-1], [0, 1, 100], "0 or more"),
+        ("arrival_tolerance_m", [0.0, -0.1, math.inf, math.nan], [0.01, 50.0], "above 0"),
+        ("connect_wait_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+        ("settle_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+        ("move_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+        ("sampling_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+        ("retry_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(name: str, refused: list[Any], allowed: list[Any], words: str) -> None:
+    for value in refused:
+        with pytest.raises(InputError, match=f"^{name} = {value} is refused: allowed is {words}$"):
+            ServiceSettings(**{name: value})
+    for value in allowed:
+        assert getattr(ServiceSettings(**{name: value}), name) == value
 
 
 # Everything at once
@@ -1040,9 +1166,9 @@ class LiveChase(RuleBasedStateMachine):
             tracker.mode = TrackerMode.FOLLOWING
         bench.service.resume()
         bench.run(2)
-        if was in {REACHED, LOST, ABORTED}:
+        if was in {LOST, ABORTED}:
             assert bench.service.state is was
-        else:
+        else:  # after reached, too: the operator has said to go on
             assert bench.service.state in {SAMPLING, MOVING}
             assert len(bench.told()) == 6
 
