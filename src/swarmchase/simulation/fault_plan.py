@@ -123,7 +123,8 @@ def _of_link(name: str) -> Callable[[FaultPlan, str], FaultPlan]:
 def _delay(plan: FaultPlan, value: str) -> FaultPlan:
     # Both words in either order: what is checked is the pair.
     delay_s = float(value)
-    return replace(plan, link=replace(plan.link, delay_s=max(delay_s, plan.link.jitter_s)))
+    delay_s = max(delay_s, plan.link.jitter_s) if delay_s >= 0 else delay_s
+    return replace(plan, link=replace(plan.link, delay_s=delay_s))
 
 
 def _jitter(plan: FaultPlan, value: str) -> FaultPlan:
