@@ -232,9 +232,9 @@ def live_rows(result: dict[str, Any]) -> list[list[str]]:
             [
                 name,
                 f"{one['success_rate']:.0%} [{low:.0%}, {high:.0%}]",
+                f"{one['false_alarms']}",
                 "{:.1f} [{:.1f}, {:.1f}]".format(one["movements_mean"], *one["movements_mean_ci95"]),
                 "{:.0f} [{:.0f}, {:.0f}]".format(one["movements_p90"], *one["movements_p90_ci95"]),
-                f"{one['movements_to_target_mean']:.1f}",
                 f"{one['seconds_mean']:.0f}",
             ]
         )

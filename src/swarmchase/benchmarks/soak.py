@@ -27,6 +27,7 @@ Waited = Callable[[int], None]
 
 WARM_UP_S = 60.0
 """Memory is compared with that after so long, when all is loaded."""
+MEMORY_PERIOD_S = 60.0
 LOOK_S = 5.0
 END_S = 60.0
 
@@ -91,16 +92,18 @@ def table(result: dict[str, Any]) -> "Table":
 
 
 def _watch(process: "subprocess.Popen[bytes]", seconds: float, waited: Waited, folder: Path) -> dict[str, list[float]]:
-    """Megabytes of each process every ``LOOK_S`` from ``WARM_UP_S`` on."""
+    """Megabytes of each process every ``MEMORY_PERIOD_S`` from ``WARM_UP_S`` on."""
     began_s = time.monotonic()
     course: dict[str, list[float]] = {}
+    next_s = WARM_UP_S
     while (passed_s := time.monotonic() - began_s) < seconds:
         if process.poll() is not None:
             last = (folder / "told.txt").read_text(errors="replace").strip().splitlines()[-1:]
             raise WorkerDiedError(f"the live chase ended by itself after {passed_s:.0f} s: {' '.join(last)}")
-        if passed_s >= WARM_UP_S:
+        if passed_s >= next_s:
+            next_s += MEMORY_PERIOD_S
             for name, megabytes in _memory_mb(process.pid).items():
-                course.setdefault(name, []).append(megabytes)
+                course.setdefault(name, []).append(round(megabytes, 1))
         waited(int(passed_s))
         time.sleep(LOOK_S)
     return course

@@ -125,6 +125,8 @@ class VirtualChase:
             self.tick()
         snapshot = self.service.snapshot()
         near = self.world.distance_to_target_m() <= self._scenario.success_radius_m
+        if near and self._movements_to_target is None:
+            self._movements_to_target = snapshot.movements
         return VirtualResult(
             state=snapshot.state.value,
             reason=snapshot.reason,
