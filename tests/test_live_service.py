@@ -476,6 +476,24 @@ def test_set_points_of_the_others_stay_clear_of_a_lost_tracker() -> None:
             assert np.linalg.norm(np.array(set_point.position_m) - lost.position_m) >= 1 - 1e-6
 
 
+def test_a_lost_tracker_may_be_anywhere_on_the_way_to_its_last_set_point() -> None:
+    """It was last seen 3 m or so before the place that it may have flown to and hold at: the others keep clear of both
+    and of all between.
+    """
+    bench = Bench(speed_mps=5.0)
+    bench.run_until(MOVING)
+    bench.run(0.3)
+    lost = bench.trackers[0]
+    seen_m, lost.is_alive = lost.position_m, False
+    last_m = seen_m
+    while 0 in bench.told():
+        last_m = np.array(bench.link.sent[0].position_m)
+        bench.step()
+    assert np.linalg.norm(last_m - seen_m) > 2
+    obstacles_m = bench.service._swarm.obstacles_m()
+    assert obstacles_m == pytest.approx(np.linspace(seen_m, last_m, 11))
+
+
 def test_a_lost_tracker_that_comes_back_is_commanded_from_where_it_is() -> None:
     bench = Bench()
     bench.run_until(MOVING)
