@@ -9,7 +9,7 @@ from ..messages import Metres, TrackerMode
 LONGEST_STEP_S = 0.02
 LONGEST_UPDATE_S = 1.0
 """Of simulated time: after a longer pause the vehicle has stood still for the rest of it."""
-ARRIVED_M, ARRIVED_MPS = 0.02, 0.5
+ARRIVED_M, ARRIVED_MPS = 0.001, 0.05
 """Nearer and slower than this it is put on the set-point itself."""
 
 
