@@ -92,18 +92,24 @@ def table(result: dict[str, Any]) -> "Table":
         title=f"{result['chases']} live chases each, {result['controller']}, F = {result['sampling_hz']:g} Hz, "
         f"rho = {result['spatial_correlation']:g}",
     )
-    for name, one in result["settings"].items():
-        low, high = one["success_rate_ci95"]
-        shown.add_row(
+    for row, one in zip(rows(result), result["settings"].values(), strict=True):
+        shown.add_row(*row, f"{one['decision_latency_p50_ms']:.1f}, {one['decision_latency_p99_ms']:.1f}")
+    return shown
+
+
+def rows(result: dict[str, Any]) -> list[list[str]]:
+    """What is the same on any machine, as the terminal and docs/live.md show it: a row a setting."""
+    return [
+        [
             name,
-            f"{one['success_rate']:.0%} [{low:.0%}, {high:.0%}]",
+            "{:.0%} [{:.0%}, {:.0%}]".format(one["success_rate"], *one["success_rate_ci95"]),
             f"{one['false_alarms']}",
             "{:.1f} [{:.1f}, {:.1f}]".format(one["movements_mean"], *one["movements_mean_ci95"]),
             "{:.0f} [{:.0f}, {:.0f}]".format(one["movements_p90"], *one["movements_p90_ci95"]),
             f"{one['seconds_mean']:.0f}",
-            f"{one['decision_latency_p50_ms']:.1f}, {one['decision_latency_p99_ms']:.1f}",
-        )
-    return shown
+        ]
+        for name, one in result["settings"].items()
+    ]
 
 
 def _run(work: list[_Chase], processes: int) -> Iterator[dict[str, VirtualResult]]:

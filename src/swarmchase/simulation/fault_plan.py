@@ -91,6 +91,14 @@ class FaultPlan:
             if isinstance(fault.fault, ProcessFault) and fault.tracker == tracker and fault.is_at_work(chase_s)
         ]
 
+    def is_dead(self, tracker: int, chase_s: float) -> bool:
+        """Whether this tracker has no process at this moment."""
+        return any(
+            fault.fault is ProcessFault.KILL
+            or (fault.fault is ProcessFault.RESTART and chase_s < fault.start_s + RESTART_AFTER_S)
+            for fault in self.of_process(tracker, chase_s)
+        )
+
 
 def fault_plan(text: str) -> FaultPlan:
     """The plan of ``HELP``'s words, divided by commas; an empty text is no fault.

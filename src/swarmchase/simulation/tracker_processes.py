@@ -11,7 +11,7 @@ from pathlib import Path
 from ..live.address import LOOPBACK
 from ..live.udp_socket import bound_udp_socket
 from ..scenario import NUM_TRACKERS, Scenario
-from .fault_plan import RESTART_AFTER_S, FaultPlan, ProcessFault
+from .fault_plan import FaultPlan, ProcessFault
 
 SLOW_PERIOD_S, SLOW_SHARE = 0.2, 0.1
 """A slow tracker runs for this share of each period."""
@@ -47,12 +47,8 @@ class TrackerProcesses:
     def step(self, chase_s: float) -> None:
         """So many seconds into the chase."""
         for tracker in range(NUM_TRACKERS):
-            faults = {fault.fault: fault for fault in self._plan.of_process(tracker, chase_s)}
-            restart = faults.get(ProcessFault.RESTART)
-            is_dead = ProcessFault.KILL in faults or (
-                restart is not None and chase_s < restart.start_s + RESTART_AFTER_S
-            )
-            if is_dead:
+            faults = {fault.fault for fault in self._plan.of_process(tracker, chase_s)}
+            if self._plan.is_dead(tracker, chase_s):
                 self._kill(tracker)
             elif tracker not in self._running:
                 self._start(tracker)

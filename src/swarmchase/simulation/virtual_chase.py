@@ -19,7 +19,7 @@ from ..live.service import ControllerService, Recorder, ServiceSettings
 from ..live.sources import Sample
 from ..live.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
-from .fault_plan import RESTART_AFTER_S, FaultPlan, ProcessFault
+from .fault_plan import FaultPlan, ProcessFault
 from .virtual_network import CONTROLLER, VirtualNetwork
 from .world import World
 
@@ -179,13 +179,9 @@ class VirtualChase:
         self._recorder(entry)
 
     def _step_agent(self, tracker: int) -> None:
-        faults = {fault.fault: fault for fault in self._plan.of_process(tracker, self._seconds())}
+        faults = {fault.fault for fault in self._plan.of_process(tracker, self._seconds())}
         agent = self.agents[tracker]
-        restart = faults.get(ProcessFault.RESTART)
-        is_dead = ProcessFault.KILL in faults or (
-            restart is not None and self._seconds() < restart.start_s + RESTART_AFTER_S
-        )
-        if is_dead:
+        if self._plan.is_dead(tracker, self._seconds()):
             self.agents[tracker] = None
             # Without its agent the vehicle does what an autopilot does without a companion.
             self.world.vehicles[tracker].hold()
