@@ -13,12 +13,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import swarmchase
-from swarmchase import networks
-from swarmchase.comparison import read_results, summaries
-from swarmchase.comparison_report import comparison_tables
 from swarmchase.controllers import weights_sha256
-from swarmchase.reproduction import read_evaluations
-from swarmchase.results_report import report_tables
+from swarmchase.evaluation.comparison import read_results, summaries
+from swarmchase.evaluation.reproduction import read_evaluations
+from swarmchase.networks import actor_critic
+from swarmchase.reports.comparison_tables import comparison_tables
+from swarmchase.reports.paper_tables import report_tables
 from swarmchase.scenario import Scenario
 from swarmchase.training.losses import LossSettings
 from swarmchase.training.settings import PRESETS, TrainingSettings
@@ -82,10 +82,10 @@ def training_rows() -> Iterator[list[str]]:
                 symbol, _ = PAPER_TABLE_I.get(field.name, ("", None))
                 source = "Table I" if symbol else "choice"
                 yield [f"`{symbol}`" if symbol else "-", f"`{owner}.{field.name}`", "-", shown(value), source]
-    for name, value in vars(networks).items():
+    for name, value in vars(actor_critic).items():
         if name.isupper() and name not in ("NETWORK_NAMES", "NUM_TRACKERS", "PAPER_WINDOW_SAMPLES"):
             source = "Table I" if name in PAPER_NETWORK else "Section III.A" if name == "NUM_CHOICES" else "choice"
-            yield ["-", f"`networks.{name}`", unit(name.lower()), shown(value), source]
+            yield ["-", f"`networks.actor_critic.{name}`", unit(name.lower()), shown(value), source]
 
 
 def test_every_constant_of_the_training_stands_in_its_table() -> None:
@@ -97,7 +97,7 @@ def test_the_paper_preset_is_table_one() -> None:
     settings = PRESETS["paper"]
     values = dataclasses.asdict(settings) | dataclasses.asdict(settings.losses)
     assert {name: values[name] for name in PAPER_TABLE_I} == {name: value for name, (_, value) in PAPER_TABLE_I.items()}
-    assert {name: getattr(networks, name) for name in PAPER_NETWORK} == PAPER_NETWORK
+    assert {name: getattr(actor_critic, name) for name in PAPER_NETWORK} == PAPER_NETWORK
     assert settings == TrainingSettings()
     assert settings.losses == LossSettings()
 

@@ -12,12 +12,12 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_env_for_stable_baselines3
 
-from swarmchase.channel import DEEPEST_FADE_DB, rssi_dbm
-from swarmchase.environment import Environment
+from swarmchase.channel.fading import DEEPEST_FADE_DB, rssi_dbm
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.gym import ENVIRONMENT_ID, ChaseEnv, ChaseVectorEnv, rssi_bounds_dbm
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 STAY = np.array([4, 2, 2, 2])
 """Spacing 5 m, no movement."""
@@ -175,7 +175,7 @@ def test_what_exceeds_the_bounds_is_clipped(monkeypatch):
         fading[..., 1] = 1e-30
         return fading
 
-    monkeypatch.setattr("swarmchase.channel.FadingProcess.window", loud_then_silent)
+    monkeypatch.setattr("swarmchase.channel.fading.FadingProcess.window", loud_then_silent)
     env = ChaseEnv(path_loss_exponent=8.0)
     window_dbm, _ = env.reset(seed=0)
     assert window_dbm in env.observation_space

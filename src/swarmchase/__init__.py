@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .controllers import Controller as Controller
     from .controllers import load_controller as load_controller
-    from .environment import Environment as Environment
     from .errors import InputError as InputError
     from .formation import Action as Action
     from .observation import Observation as Observation
     from .scenario import Scenario as Scenario
     from .scenario import paper_scenario as paper_scenario
+    from .world.environment import Environment as Environment
 
 __version__ = "0.3.0"
 
 _HOME = {
     "Action": "formation",
     "Controller": "controllers",
-    "Environment": "environment",
+    "Environment": "world.environment",
     "InputError": "errors",
     "Observation": "observation",
     "Scenario": "scenario",

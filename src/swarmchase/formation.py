@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from .array_types import Float, Int, Tensor
+from .batch.array_types import Float, Int, Tensor
 from .scenario import Scenario
 
 TRACKER_DIRECTION = torch.tensor(

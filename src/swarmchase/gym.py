@@ -19,14 +19,14 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from .batching import join_chases, select_chases
-from .channel import DEEPEST_FADE_DB, path_loss_db
-from .environment import Environment, Outcome, State, distance_to_target_m
+from .batch.selection import join_chases, select_chases
+from .batch.streams import ChaseKey, chase_keys
+from .channel.fading import DEEPEST_FADE_DB, path_loss_db
 from .errors import InputError
 from .formation import Action, action_from_choice
 from .gym_registration import ENVIRONMENT_ID
 from .scenario import NUM_TRACKERS, Scenario
-from .streams import ChaseKey, chase_keys
+from .world.environment import Environment, Outcome, State, distance_to_target_m
 
 __all__ = ["ENVIRONMENT_ID", "ChaseEnv", "ChaseVectorEnv"]
 

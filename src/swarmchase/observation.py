@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from .array_types import Float, Tensor
+from .batch.array_types import Float, Tensor
 from .errors import InputError
 
 NEPERS_PER_DB = math.log(10) / 10

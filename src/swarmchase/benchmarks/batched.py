@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from ..memory import keep_freed_memory
-from ..networks import NETWORK_NAMES, ActorCritic, SwarmNetworks
+from ..batch.freed_memory import keep_freed_memory
+from ..networks.actor_critic import NETWORK_NAMES, ActorCritic, SwarmNetworks
 from ..scenario import paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters

@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from ..channel import FadingProcess, path_loss_db, rssi_dbm
+from ..batch.streams import chase_keys
+from ..channel.fading import FadingProcess, path_loss_db, rssi_dbm
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
-from ..streams import chase_keys
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -17,11 +17,11 @@ import gymnasium
 import numpy as np
 import torch
 
-from ..environment import Environment
+from ..batch.streams import chase_keys
 from ..formation import action_from_choice
 from ..gym import ChaseEnv, ChaseVectorEnv
 from ..scenario import Scenario, paper_scenario
-from ..streams import chase_keys
+from ..world.environment import Environment
 
 if TYPE_CHECKING:
     from rich.table import Table

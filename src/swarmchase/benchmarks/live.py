@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from ..chases import nearest_rank_percentile
+from ..batch.freed_memory import keep_freed_memory
 from ..controllers import load_controller
-from ..evaluation import mean_interval, percentile_interval
-from ..live.agent import AgentSettings
-from ..live.serve_loop import percentile_ms
-from ..memory import keep_freed_memory
+from ..evaluation.chases import nearest_rank_percentile
+from ..evaluation.table import mean_interval, percentile_interval
+from ..live.service.loop import percentile_ms
+from ..live.tracker.agent import AgentSettings
 from ..scenario import NUM_TRACKERS, Scenario
 from ..simulation.fault_plan import fault_plan
 from ..simulation.virtual_chase import VirtualChase, VirtualResult

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from ..memory import keep_freed_memory
-from ..networks import SwarmNetworks
+from ..batch.freed_memory import keep_freed_memory
+from ..networks.actor_critic import SwarmNetworks
 from ..scenario import Scenario, paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters

@@ -16,11 +16,11 @@ from typing import Any
 
 import torch
 
-from ..blocks import Block, Runner, Running, run_block
-from ..chases import ChaseResult
+from ..batch.freed_memory import keep_freed_memory
 from ..controllers import controller_names
 from ..errors import WorkerDiedError
-from ..memory import keep_freed_memory
+from ..evaluation.blocks import Block, Runner, Running, run_block
+from ..evaluation.chases import ChaseResult
 from .connection import Cluster, own_error
 from .software import installed, require_same_software
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from ..memory import keep_freed_memory
+from ..batch.freed_memory import keep_freed_memory
 from ..scenario import Scenario
 from ..training.agent import AgentSnapshot, FinishedChase, LocalAgent
 from ..training.settings import TrainingSettings

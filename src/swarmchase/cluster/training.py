@@ -15,8 +15,8 @@ from typing import Any
 
 import torch
 
+from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
-from ..memory import keep_freed_memory
 from ..scenario import Scenario
 from ..training.agent import AgentSnapshot, LocalAgent
 from ..training.evaluator import Evaluation, Evaluator, measured

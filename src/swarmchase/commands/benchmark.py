@@ -142,8 +142,8 @@ class BenchmarkClusterCommand(_BenchmarkCommand):
         Raises:
             InputError: no time to measure, or a figure that cannot be written.
         """
-        from ..cluster_figures import draw_scaling
         from ..files import require_writable_file
+        from ..reports.cluster import draw_scaling
 
         if not 0 < self.seconds < math.inf:
             raise InputError(f"seconds = {self.seconds} is refused: allowed is greater than 0")

@@ -32,9 +32,9 @@ class ChaseCommand(ScenarioOptions):
 
     def run(self) -> None:
         """Chase, tell, log and draw."""
-        from ..chase_log import Moment, chase_log, run_chase, save_chase_log
         from ..controllers import load_controller
-        from ..figures import draw_chase
+        from ..evaluation.chase_log import Moment, chase_log, run_chase, save_chase_log
+        from ..reports.chase import draw_chase
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")

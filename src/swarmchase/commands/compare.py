@@ -44,7 +44,7 @@ class CompareCommand(ClusterOptions):
 
     def run(self) -> None:
         """Compare, write, draw and report."""
-        from ..comparison import compare, comparison_jobs, places, summaries
+        from ..evaluation.comparison import compare, comparison_jobs, places, summaries
 
         jobs = comparison_jobs(self.controllers, places(self.told(), self.departures), self.episodes)
         began_s = time.monotonic()
@@ -68,7 +68,7 @@ class CompareCommand(ClusterOptions):
         Raises:
             InputError: a value or file that is refused.
         """
-        from ..paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
+        from ..evaluation.paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 
         if self.paper_settings and (self.sampling_hz or self.spatial_correlation):
             raise InputError("--paper-settings are twelve: give them, or --sampling-hz and --spatial-correlation")
@@ -82,8 +82,8 @@ class CompareCommand(ClusterOptions):
         ]
 
     def _decision_ms(self) -> dict[tuple[str, str], tuple[float, float]]:
-        from ..comparison import timed_decisions_ms
         from ..controllers.shipped import setting_name
+        from ..evaluation.comparison import timed_decisions_ms
 
         CONSOLE.print("Timing decisions, one chase at a time ...")
         return {
@@ -94,7 +94,7 @@ class CompareCommand(ClusterOptions):
 
 
 def _draw(folder: Path, results: list[Any], rows: list[dict[str, Any]]) -> list[Path]:
-    from ..comparison_figures import draw_comparison
+    from ..reports.comparison import draw_comparison
 
     movements = {
         (
@@ -109,8 +109,8 @@ def _draw(folder: Path, results: list[Any], rows: list[dict[str, Any]]) -> list[
 
 
 def _report(folder: Path, rows: list[dict[str, Any]]) -> None:
-    from ..comparison_report import comparison_tables
     from ..files import write_text_atomically
+    from ..reports.comparison_tables import comparison_tables
 
     text = "\n\n".join(f"## {name}\n\n{table}" for name, table in comparison_tables(rows).items()) + "\n"
     write_text_atomically(folder / "comparison.md", text)

@@ -10,13 +10,13 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
-from ..results_report import shown_interval
+from ..reports.paper_tables import shown_interval
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar
 
 if TYPE_CHECKING:
-    from ..evaluation import Evaluation
+    from ..evaluation.table import Evaluation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
             CONSOLE.print(summary_table([summary]))
 
     def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
-        from ..evaluation import evaluate
+        from ..evaluation.table import evaluate
 
         began_s = time.monotonic()
         with progress_bar(self.controller, self.episodes, "chases/s") as show:
@@ -79,8 +79,8 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
             )
 
     def _evaluated_on_cluster(self, scenario: Scenario) -> "Evaluation":
-        from ..blocks import Job, evaluate_jobs, file_name
         from ..controllers.shipped import setting_name
+        from ..evaluation.blocks import Job, evaluate_jobs, file_name
 
         setting = setting_name(scenario.sampling_hz, scenario.spatial_correlation)
         name = f"{file_name(self.controller)}-{self.action_choice or 'filed'}-{setting}"

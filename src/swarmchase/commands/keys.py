@@ -19,7 +19,7 @@ class KeysCommand:
 
     def run(self) -> None:
         """Make and write the keys."""
-        from ..live.keys import new_keys, write_keys
+        from ..live.link.keys import new_keys, write_keys
 
         keys = new_keys()
         write_keys(self.file, keys)

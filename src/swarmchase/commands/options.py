@@ -12,7 +12,7 @@ from ..files import require_writable_folder
 from ..scenario import Scenario
 
 if TYPE_CHECKING:
-    from ..blocks import Runner
+    from ..evaluation.blocks import Runner
 
 ActionChoice = Literal["sampled", "greedy"]
 """As in ``controllers``, which is slow to import: it needs torch."""
@@ -82,7 +82,7 @@ class LinkOptions:
         Raises:
             InputError: the key file is refused, or there is not exactly one of keys and ``unsigned``.
         """
-        from ..live.keys import read_keys
+        from ..live.link.keys import read_keys
 
         if (self.keys is None) != self.unsigned:
             raise InputError("give one of --keys FILE and --unsigned, which is for the loopback interface only")
@@ -94,7 +94,7 @@ class LinkOptions:
         Raises:
             InputError: it cannot be written.
         """
-        from ..live.state_folder import default_state_folder
+        from ..live.service.state_folder import default_state_folder
 
         folder = default_state_folder() if self.state_folder is None else self.state_folder
         require_writable_folder(folder)

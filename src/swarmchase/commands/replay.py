@@ -14,8 +14,8 @@ from ..errors import InputError
 from .terminal import CONSOLE, print_json
 
 if TYPE_CHECKING:
-    from ..live.recording import Recording
-    from ..live.verification import Verification
+    from ..live.log.recording import Recording
+    from ..live.log.verification import Verification
 
 LOOK_S = 0.1
 MOST_ROWS = 20
@@ -37,8 +37,8 @@ class ReplayCommand:
 
     def run(self) -> None:
         """Read the log, and do with it what the options say."""
-        from ..live.recording import read_recording
-        from ..live.verification import verify
+        from ..live.log.recording import read_recording
+        from ..live.log.verification import verify
 
         recording = read_recording(self.file)
         _tell_contents(recording)
@@ -56,9 +56,9 @@ class ReplayCommand:
         """The page is there at once; a long log takes some seconds to be all there."""
         from ..live.address import host_and_port
         from ..live.page.feed import Feed
+        from ..live.page.info import page_info
         from ..live.page.server import PageServer
         from ..live.page.token import new_token
-        from ..live.page_info import page_info
         from ..live.stop_request import stop_request
 
         if not recording.num_frames:

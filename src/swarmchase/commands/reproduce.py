@@ -33,8 +33,8 @@ class ReproduceCommand(ClusterOptions):
 
     def run(self) -> None:
         """Evaluate, write, draw and report."""
-        from ..paper_results import EPISODES
-        from ..reproduction import cells, reproduce
+        from ..evaluation.paper_results import EPISODES
+        from ..evaluation.reproduction import cells, reproduce
 
         if self.quick and self.episodes is not None:
             raise InputError(f"--quick is {QUICK_EPISODES} episodes: give one of --quick and --episodes")
@@ -60,8 +60,8 @@ class ReproduceCommand(ClusterOptions):
 def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
     import pyarrow.parquet as pq
 
-    from ..paper_figures import draw_all
-    from ..reproduction import FADING_FILE, training_log
+    from ..evaluation.reproduction import FADING_FILE, training_log
+    from ..reports.paper import draw_all
 
     movements = {
         (one.controller, one.scenario.sampling_hz, one.scenario.spatial_correlation): [
@@ -75,7 +75,7 @@ def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]])
 
 def _report(folder: Path, summaries: list[dict[str, Any]]) -> None:
     from ..files import write_text_atomically
-    from ..results_report import report_tables
+    from ..reports.paper_tables import report_tables
 
     text = "\n\n".join(report_tables(summaries).values()) + "\n"
     write_text_atomically(folder / "results.md", text)

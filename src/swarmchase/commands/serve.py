@@ -12,10 +12,10 @@ from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
-    from ..live.mavlink_link import ControllerMavlinkLink
-    from ..live.safety import SafetyLimits
-    from ..live.serve_loop import ServeSummary, Tell
-    from ..live.service import ServiceSettings
+    from ..live.link.mavlink import ControllerMavlinkLink
+    from ..live.service.loop import ServeSummary, Tell
+    from ..live.service.safety import SafetyLimits
+    from ..live.service.service import ServiceSettings
     from ..live.stop_request import StopRequest
     from ..scenario import Scenario
 
@@ -69,8 +69,8 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     def run(self) -> None:
         """Serve, and say how it ended."""
         from ..live.address import host_and_port
-        from ..live.mavlink_link import ControllerMavlinkLink
-        from ..live.state_folder import next_epoch
+        from ..live.link.mavlink import ControllerMavlinkLink
+        from ..live.service.state_folder import next_epoch
         from ..live.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
@@ -103,10 +103,10 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     ) -> "ServeSummary":
         from ..live.audience import Audience, AudienceOptions
         from ..live.clock import MonotonicClock
-        from ..live.log_entries import new_head
-        from ..live.operator_words import OperatorWords
-        from ..live.serve_loop import ServeLoop
-        from ..live.service import ControllerService
+        from ..live.log.entries import new_head
+        from ..live.service.loop import ServeLoop
+        from ..live.service.operator_words import OperatorWords
+        from ..live.service.service import ControllerService
 
         clock, chase = MonotonicClock(), 0
         head = new_head(self.controller, scenario, self.seed, chase, epoch, limits, clock.now_ns())
@@ -128,13 +128,13 @@ class ServeCommand(ScenarioOptions, LinkOptions):
 
     def limits(self) -> "SafetyLimits":
         """The safety limits that the options say."""
-        from ..live.safety import SafetyLimits
+        from ..live.service.safety import SafetyLimits
 
         return SafetyLimits(**fields_from(self, SafetyLimits))
 
     def settings(self) -> "ServiceSettings":
         """The service's settings that the options say."""
-        from ..live.service import ServiceSettings
+        from ..live.service.service import ServiceSettings
 
         return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
 

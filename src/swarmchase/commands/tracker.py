@@ -11,10 +11,10 @@ from .options import LinkOptions, fields_from
 from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:
-    from ..live.agent import AgentSettings
-    from ..live.mavlink_link import TrackerMavlinkLink
+    from ..live.link.mavlink import TrackerMavlinkLink
     from ..live.stop_request import StopRequest
-    from ..live.tracker_loop import TrackerSummary
+    from ..live.tracker.agent import AgentSettings
+    from ..live.tracker.loop import TrackerSummary
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,9 +73,9 @@ class TrackerCommand(LinkOptions):
     def run(self) -> None:
         """Be the tracker, and say what it did."""
         from ..live.address import host_and_port
-        from ..live.agent import AgentSettings
-        from ..live.mavlink_link import TrackerMavlinkLink
+        from ..live.link.mavlink import TrackerMavlinkLink
         from ..live.stop_request import stop_request
+        from ..live.tracker.agent import AgentSettings
 
         host, port = host_and_port(self.controller)
         settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()
@@ -92,12 +92,12 @@ class TrackerCommand(LinkOptions):
     def _fly(
         self, link: "TrackerMavlinkLink", settings: "AgentSettings", request: "StopRequest", tell: Callable[[str], None]
     ) -> "TrackerSummary":
-        from ..live.agent import TrackerAgent
         from ..live.clock import MonotonicClock
-        from ..live.source_address import SourceDetails, open_source
-        from ..live.sources import CalibratedSource
-        from ..live.tracker_loop import run_tracker
-        from ..live.vehicle_address import VehicleDetails, open_vehicle
+        from ..live.tracker.agent import TrackerAgent
+        from ..live.tracker.loop import run_tracker
+        from ..live.tracker.sources import CalibratedSource
+        from ..live.tracker.sources.address import SourceDetails, open_source
+        from ..live.tracker.vehicles.address import VehicleDetails, open_vehicle
 
         vehicle = open_vehicle(self.vehicle, VehicleDetails(**fields_from(self, VehicleDetails)))
         source = open_source(self.source, self.sampling_hz, SourceDetails(**fields_from(self, SourceDetails)))

@@ -83,7 +83,7 @@ class _TrainOptions:
 
     def _draw(self) -> None:
         """The learning curves, from the run's log."""
-        from ..figures import draw_training
+        from ..reports.chase import draw_training
         from ..training.run_folder import read_log
 
         picture = self.folder / "training.png"
@@ -92,7 +92,7 @@ class _TrainOptions:
 
     def draw_staleness(self) -> None:
         """How stale the gradients were, from the log of a run on a cluster."""
-        from ..cluster_figures import draw_staleness
+        from ..reports.cluster import draw_staleness
         from ..training.run_folder import read_log
 
         gradients = read_log(self.folder, "gradient")

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import get_args
 
 from ..errors import InputError
-from ..fading_network import CorrectedPower, FadingNetwork
-from ..gated_network import GatedNetwork
-from ..networks import PAPER_WINDOW_SAMPLES
+from ..networks.actor_critic import PAPER_WINDOW_SAMPLES
+from ..networks.fading import CorrectedPower, FadingNetwork
+from ..networks.gated import GatedNetwork
+from ..networks.weights import FiledNetworks, load_weights
 from ..scenario import Scenario
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController
@@ -19,7 +20,6 @@ from .particle import ParticleController
 from .protocol import Controller
 from .random import RandomController
 from .shipped import chosen_weights, shipped_families
-from .weights import FiledNetworks, load_weights
 
 __all__ = [
     "ActionChoice",

@@ -5,7 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import torch
 
-from ..array_types import Float, Tensor
+from ..batch.array_types import Float, Tensor
 from ..observation import Observation
 from ..scenario import Scenario
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..array_types import Float, Int, Tensor
+from ..batch.array_types import Float, Int, Tensor
 from ..formation import Action, nearest_choice
 from ..observation import Observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario

@@ -10,14 +10,14 @@ from typing import Literal
 
 import torch
 
-from ..array_types import Float, Int, Tensor
+from ..batch.array_types import Float, Int, Tensor
+from ..batch.streams import ChaseStreams, chase_keys
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..gated_network import GatedNetwork
-from ..networks import NETWORK_NAMES, NUM_CHOICES, WindowNetworks, greedy_choice, sampled_choice
+from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, WindowNetworks, greedy_choice, sampled_choice
+from ..networks.gated import GatedNetwork
 from ..observation import Observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
-from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
 from .explanation import Explanation
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from ..array_types import Bool, Float, Int, Tensor
-from ..fading_law import fading_law
+from ..batch.array_types import Bool, Float, Int, Tensor
+from ..channel.fading_law import fading_law
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import torch
 
-from ..array_types import Float, Tensor
+from ..batch.array_types import Float, Tensor
+from ..batch.streams import chase_keys
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m
 from ..scenario import Scenario
-from ..streams import chase_keys
-from ..target import draw_target_position_m
+from ..world.target import draw_target_position_m
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from ..array_types import Bool, Float, Int, Tensor
-from ..batching import join_chases, select_chases
-from ..fading_law import WindowPower, fading_law
+from ..batch.array_types import Bool, Float, Int, Tensor
+from ..batch.selection import join_chases, select_chases
+from ..batch.streams import ChaseStreams, chase_keys
+from ..channel.fading_law import WindowPower, fading_law
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
-from ..streams import ChaseStreams, chase_keys
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_points
 

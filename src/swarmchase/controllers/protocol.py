@@ -17,7 +17,7 @@ class Controller(Protocol):
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> Any:
         """The memory of ``num_chases`` chases of run ``seed`` before their first window, random streams included.
 
-        A memory can be given to ``swarmchase.batching.select_chases`` and ``join_chases``.
+        A memory can be given to ``swarmchase.batch.selection.select_chases`` and ``join_chases``.
         """
 
     def decide(self, observation: Observation, memory: Any) -> tuple[Action, Any]:

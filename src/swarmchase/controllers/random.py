@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import torch
 
+from ..batch.streams import ChaseStreams, chase_keys
 from ..formation import Action, action_from_choice
 from ..observation import Observation
 from ..scenario import Scenario
-from ..streams import ChaseStreams, chase_keys
 
 
 @dataclass(frozen=True)

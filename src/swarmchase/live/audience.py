@@ -6,11 +6,11 @@ from pathlib import Path
 
 from .address import host_and_port
 from .chronicle import Chronicle, FrameTaker
-from .log_entries import LogHead
-from .mavlink_link import ControllerMavlinkLink
-from .messages import Metres
-from .serve_loop import Journal, Tell, Watcher, Words
-from .tracker_news import TrackerNews
+from .link.mavlink import ControllerMavlinkLink
+from .link.messages import Metres
+from .log.entries import LogHead
+from .service.loop import Journal, Tell, Watcher, Words
+from .service.tracker_news import TrackerNews
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Audience:
             self._closers.pop()()
 
     def _open_log(self, path: Path, head: LogHead, tell: Tell) -> FrameTaker:
-        from .recorder import ChaseRecorder
+        from .log.recorder import ChaseRecorder
 
         recorder = ChaseRecorder(path, head)
         self._closers.append(recorder.close)
@@ -104,9 +104,9 @@ class _Page:
 
     def __init__(self, address: str, head: LogHead) -> None:
         from .page.feed import Feed
+        from .page.info import page_info
         from .page.server import PageServer
         from .page.token import new_token
-        from .page_info import page_info
 
         self._host, port = host_and_port(address)
         self._token = new_token(self._host)

@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from .chase_state import Snapshot
 from .frame import Frame, frame_of
-from .mavlink_link import ControllerMavlinkLink
-from .messages import Metres
+from .link.mavlink import ControllerMavlinkLink
+from .link.messages import Metres
+from .service.chase_state import Snapshot
 from .ticker import next_moment_ns
 
 FRAMES_HZ = 10.0

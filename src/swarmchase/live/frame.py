@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 from typing import TypedDict
 
 from ..controllers.explanation import Explanation
-from .chase_state import Decision, Snapshot, TrackerSnapshot
-from .messages import Metres
-from .sample_window import Points
+from .link.messages import Metres
+from .service.chase_state import Decision, Snapshot, TrackerSnapshot
+from .service.sample_window import Points
 
 
 class TrackerFrame(TypedDict):

@@ -4,9 +4,9 @@ import socket
 from typing import Any
 
 from ..live.address import LOOPBACK
-from ..live.mavlink_dialect import mavlink
+from ..live.link.dialect import mavlink
 from ..live.ticker import next_moment_ns
-from ..live.vehicles import SimulatedVehicle
+from ..live.tracker.vehicles import SimulatedVehicle
 
 HEARTBEAT_HZ = 1.0
 POSITION_HZ = 20.0

@@ -10,8 +10,8 @@ from enum import StrEnum
 from typing import Any
 
 from ..errors import InputError
-from ..live.faulty_path import Faults
 from ..scenario import NUM_TRACKERS
+from .faulty_path import Faults
 
 HELP = (
     "loss=SHARE, burst=SHARE (in bursts of ten), delay=SECONDS, jitter=SECONDS, duplicate=SHARE, reorder=SHARE, "

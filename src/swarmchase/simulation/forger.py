@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Callable
 from random import Random
 
-from ..live.keys import KEY_BYTES
-from ..live.mavlink_codec import TRACKER_COMPONENT, system_of
-from ..live.mavlink_packet import PacketWriter
-from ..live.mavlink_timestamps import Timestamps
-from ..live.messages import PositionReport, RssiWindow
+from ..live.link.codec import TRACKER_COMPONENT, system_of
+from ..live.link.keys import KEY_BYTES
+from ..live.link.messages import PositionReport, RssiWindow
+from ..live.link.packet import PacketWriter
+from ..live.link.timestamps import Timestamps
 from ..scenario import NUM_TRACKERS
 
 MOST_OVERHEARD = 200

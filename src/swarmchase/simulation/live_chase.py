@@ -15,16 +15,16 @@ from ..controllers.protocol import Controller
 from ..errors import WorkerDiedError
 from ..live.address import LOOPBACK
 from ..live.audience import Audience, AudienceOptions
-from ..live.chase_state import ChaseState, Snapshot
 from ..live.clock import MonotonicClock
-from ..live.keys import new_keys, write_keys
-from ..live.log_entries import new_head
-from ..live.mavlink_link import ControllerMavlinkLink
-from ..live.messages import Metres
-from ..live.safety import SafetyLimits
-from ..live.serve_loop import ServeLoop, ServeSummary, Tell, Words
-from ..live.service import ControllerService, ServiceSettings
-from ..live.state_folder import next_epoch
+from ..live.link.keys import new_keys, write_keys
+from ..live.link.mavlink import ControllerMavlinkLink
+from ..live.link.messages import Metres
+from ..live.log.entries import new_head
+from ..live.service.chase_state import ChaseState, Snapshot
+from ..live.service.loop import ServeLoop, ServeSummary, Tell, Words
+from ..live.service.safety import SafetyLimits
+from ..live.service.service import ControllerService, ServiceSettings
+from ..live.service.state_folder import next_epoch
 from ..live.stop_request import StopRequest
 from ..scenario import Scenario
 from .fault_plan import FaultPlan

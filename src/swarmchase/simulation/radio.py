@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from ..array_types import Float, Tensor
-from ..channel import FadingProcess, FadingState, fading_db, unfaded_dbm
-from ..live.messages import Metres
-from ..receivers import Receivers
+from ..batch.array_types import Float, Tensor
+from ..channel.fading import FadingProcess, FadingState, fading_db, unfaded_dbm
+from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
-from ..target import draw_target_position_m
+from ..world.receivers import Receivers
+from ..world.target import draw_target_position_m
 
 BREAK_BEFORE_S, BREAK_AFTER_S = 0.1, 0.02
 """Around the announced moment nothing is heard, and the window begins with the first sample after that: no two clocks

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from random import Random
 
-from ..live.sources import Sample
+from ..live.tracker.sources import Sample
 from .fault_plan import ReceiverFault
 
 WRONG_DB = 20.0

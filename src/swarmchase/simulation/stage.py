@@ -17,14 +17,14 @@ from pathlib import Path
 import torch
 
 from ..live.address import LOOPBACK
-from ..live.messages import Metres
-from ..live.sources import Sample
+from ..live.link.messages import Metres
+from ..live.tracker.sources import Sample
 from ..scenario import NUM_TRACKERS, Scenario
 from .autopilot import SimulatedAutopilot
 from .fault_plan import FaultPlan
+from .site import World
 from .tracker_processes import TrackerPorts, TrackerProcesses, free_udp_ports
 from .udp_relay import UdpRelay
-from .world import World
 
 TICK_S = 0.005
 TRUTH_PERIOD_S = 0.2

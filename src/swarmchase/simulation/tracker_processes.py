@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..live.address import LOOPBACK
-from ..live.udp_socket import bound_udp_socket
+from ..live.link.udp_socket import bound_udp_socket
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 

@@ -10,10 +10,10 @@ from random import Random
 from typing import Any
 
 from ..live.address import LOOPBACK
-from ..live.faulty_path import FaultyPath
-from ..live.udp_socket import bound_udp_socket
+from ..live.link.udp_socket import bound_udp_socket
 from ..scenario import NUM_TRACKERS
 from .fault_plan import FaultPlan
+from .faulty_path import FaultyPath
 from .forger import Forger
 
 MOST_DATAGRAMS = 1000

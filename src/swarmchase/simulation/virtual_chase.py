@@ -8,20 +8,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..controllers.protocol import Controller
-from ..live.agent import AgentSettings, TrackerAgent
-from ..live.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.clock import Clock, VirtualClock
-from ..live.keys import KEY_BYTES
-from ..live.mavlink_link import ControllerMavlinkLink, TrackerMavlinkLink
-from ..live.messages import Metres, TrackerMode
-from ..live.safety import SafetyLimits
-from ..live.service import ControllerService, Recorder, ServiceSettings
-from ..live.sources import Sample
-from ..live.vehicles import SimulatedVehicle
+from ..live.link.keys import KEY_BYTES
+from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
+from ..live.link.messages import Metres, TrackerMode
+from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from ..live.service.safety import SafetyLimits
+from ..live.service.service import ControllerService, Recorder, ServiceSettings
+from ..live.tracker.agent import AgentSettings, TrackerAgent
+from ..live.tracker.sources import Sample
+from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
+from .site import World
 from .virtual_network import CONTROLLER, VirtualNetwork
-from .world import World
 
 TICK_S = 0.025
 """Agents step in every tick, 40 times a second; the service steps in every second one and listens in the others."""

@@ -8,9 +8,9 @@ from random import Random
 from typing import Any
 
 from ..live.clock import VirtualClock
-from ..live.faulty_path import FaultyPath
 from ..scenario import NUM_TRACKERS
 from .fault_plan import FaultPlan
+from .faulty_path import FaultyPath
 from .forger import Forger
 
 CONTROLLER: tuple[str, int] = ("127.0.0.1", 1)

@@ -6,14 +6,14 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 
-from ..array_types import Bool, Float, Int
-from ..batching import join_chases, pack, select_chases, unpack
-from ..environment import Environment, State
+from ..batch.array_types import Bool, Float, Int
+from ..batch.selection import join_chases, pack, select_chases, unpack
+from ..batch.streams import ChaseKey, ChaseStreams
 from ..errors import InputError
-from ..networks import NETWORK_NAMES
-from ..robustness import drawn_world
+from ..networks.actor_critic import NETWORK_NAMES
 from ..scenario import Scenario
-from ..streams import ChaseKey, ChaseStreams
+from ..world.departures import drawn_world
+from ..world.environment import Environment, State
 from .losses import rollout_loss
 from .parameters import FlatNetworks, new_networks
 from .rollout import Rollout, collect
@@ -40,7 +40,7 @@ class FinishedChase:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where an agent stands in its chases: a batch as in ``swarmchase.batching``."""
+    """Where an agent stands in its chases: a batch as in ``swarmchase.batch.selection``."""
 
     number: Int[torch.Tensor, "chase"]
     """Number of each chase in the training."""

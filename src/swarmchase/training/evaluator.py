@@ -7,11 +7,11 @@ from typing import Any
 
 import torch
 
-from ..chases import ChaseResult, nearest_rank_percentile, run_chases
 from ..controllers import network_controller
-from ..controllers.weights import FiledNetworks, save_weights
-from ..robustness import drawn_world
+from ..evaluation.chases import ChaseResult, nearest_rank_percentile, run_chases
+from ..networks.weights import FiledNetworks, save_weights
 from ..scenario import Scenario
+from ..world.departures import drawn_world
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks, deployed, new_networks
 from .rollout import Networks

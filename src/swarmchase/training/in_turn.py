@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import torch
 
-from ..memory import keep_freed_memory
+from ..batch.freed_memory import keep_freed_memory
 from .agent import LocalAgent
 from .evaluator import Evaluator
 from .parameters import FlatNetworks, new_networks

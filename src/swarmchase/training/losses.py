@@ -11,9 +11,9 @@ from typing import Literal, get_args
 
 import torch
 
-from ..array_types import Bool, Float, Tensor
+from ..batch.array_types import Bool, Float, Tensor
 from ..errors import InputError
-from ..fading_network import FadingNetwork
+from ..networks.fading import FadingNetwork
 from ..observation import mean_power_dbm
 from ..scenario import NUM_TRACKERS
 from .rollout import Networks, Rollout

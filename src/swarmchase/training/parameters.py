@@ -8,11 +8,11 @@ import copy
 
 import torch
 
-from ..controllers.weights import FiledNetworks
 from ..errors import InputError
-from ..fading_network import FadingNetwork
-from ..gated_network import GatedNetwork
-from ..networks import ActorCritic, SwarmNetworks, SymmetricNetworks, with_policy_scale
+from ..networks.actor_critic import ActorCritic, SwarmNetworks, SymmetricNetworks, with_policy_scale
+from ..networks.fading import FadingNetwork
+from ..networks.gated import GatedNetwork
+from ..networks.weights import FiledNetworks
 from .rollout import Networks
 from .settings import NetworkForm, TrainingSettings
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import torch
 
+from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
-from ..memory import keep_freed_memory
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import Evaluation, Evaluator

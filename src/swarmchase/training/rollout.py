@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import torch
 
-from ..array_types import Bool, Float, Int, Tensor
-from ..environment import Environment, State, counterfactual_reward_m, unfaded_dbm
-from ..fading_network import FadingNetwork
+from ..batch.array_types import Bool, Float, Int, Tensor
+from ..batch.streams import ChaseStreams
 from ..formation import action_from_choice, tracker_position_m
-from ..gated_network import GatedNetwork
-from ..networks import NETWORK_NAMES, WindowNetworks, greedy_choice, sampled_choice
-from ..streams import ChaseStreams
+from ..networks.actor_critic import NETWORK_NAMES, WindowNetworks, greedy_choice, sampled_choice
+from ..networks.fading import FadingNetwork
+from ..networks.gated import GatedNetwork
+from ..world.environment import Environment, State, counterfactual_reward_m, unfaded_dbm
 
 Networks = WindowNetworks | GatedNetwork | FadingNetwork
 """What trainers drive, by ``begin`` and ``decide``."""

@@ -11,8 +11,8 @@ from types import FrameType
 
 import torch
 
-from ..controllers.weights import load_weights
 from ..errors import InputError
+from ..networks.weights import load_weights
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, save_trained_weights, weights_configuration

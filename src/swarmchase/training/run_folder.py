@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 
+from ..batch.tensor_files import load_tensors, save_tensors
 from ..errors import InputError
 from ..files import require_writable_folder, write_text_atomically
 from ..scenario import Scenario
-from ..tensor_files import load_tensors, save_tensors
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import Evaluation
 from .global_agent import SharedParameters

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from ..array_types import Bool, Float
+from ..batch.array_types import Bool, Float
 from .rollout import Rollout
 
 

@@ -1,0 +1,1 @@
+"""Chases side by side: their axes, random streams, selection, and tensors in one file."""

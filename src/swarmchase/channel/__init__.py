@@ -1,0 +1,1 @@
+"""The law of the radio channel: path loss, fading, the power of a window. Controllers may believe it."""

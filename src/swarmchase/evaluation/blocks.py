@@ -1,0 +1,233 @@
+"""Evaluations of many controllers in many worlds, block by block: what is finished lies on disk and is found again."""
+
+import dataclasses
+import functools
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import __version__
+from ..controllers import ActionChoice, load_controller, weights_sha256
+from ..errors import InputError
+from ..files import atomic_path, require_writable_folder
+from ..scenario import Scenario
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult
+from .table import Evaluation, evaluate
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BLOCK_CHASES = 2_500
+"""Chases between two saves."""
+
+Finished = Callable[[int, int, str], None]
+"""Is told the chases that have ended in all, how many of them an earlier run had left, and the job at work."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One controller in one world."""
+
+    name: str
+    """In messages and file names; another job has another one."""
+    controller: str
+    told: Scenario
+    """What the controller is told."""
+    world: Scenario
+    """Where its chases are."""
+    episodes: int
+    action_choice: ActionChoice | None = None
+    """How a learned controller acts; None is what its weights file says."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some chases of a job, kept on disk when they are done."""
+
+    folder: Path
+    job: Job
+    seed: int
+    first_chase: int
+    episodes: int
+
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        name = f"{self.job.name}-seed{self.seed}-{self.first_chase}-{self.episodes}.parquet"
+        return self.folder / "blocks" / name
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What its chases are a function of: another origin is another block."""
+        origin = {
+            "version": __version__,
+            "controller": self.job.controller,
+            "weights_sha256": weights_sha256(self.job.controller, self.job.told),
+            "scenario": self.job.told.to_dict(),
+            "world": self.job.world.to_dict(),
+            "seed": self.seed,
+            "first_chase": self.first_chase,
+            "episodes": self.episodes,
+        }
+        return origin if self.job.action_choice is None else origin | {"action_choice": self.job.action_choice}
+
+    def load(self) -> list[ChaseResult] | None:
+        """What an earlier run kept of this very block."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            table = pq.read_table(self.path)
+            if json.loads(table.schema.metadata[b"swarmchase"]) != self.origin:
+                return None
+            return [ChaseResult(**row) for row in table.to_pylist()]
+        except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
+            return None
+
+    def save(self, chases: Sequence[ChaseResult], origin: dict[str, Any]) -> None:
+        """Keep its chases. ``origin`` was taken before they ran: a weights file changed while they did must not be
+        taken for theirs."""
+        import pyarrow as pa
+
+        table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
+        require_writable_folder(self.path.parent)
+        save_table(self.path, table.replace_schema_metadata({"swarmchase": json.dumps(origin)}))
+
+    def parts(self, episodes: int) -> list["Block"]:
+        """The same chases in blocks of so many, the last of what is left."""
+        end = self.first_chase + self.episodes
+        return [
+            dataclasses.replace(self, first_chase=first, episodes=min(episodes, end - first))
+            for first in range(self.first_chase, end, episodes)
+        ]
+
+
+Running = Callable[[int, int, str], None]
+"""Is told the chases of unfinished blocks that have ended, how many of them were found, and the job at work."""
+Runner = Callable[[Sequence[Block], Running], Iterator[tuple[Block, list[ChaseResult]]]]
+"""Runs blocks in any order and gives each with its chases as it ends: in processes, or on a cluster."""
+
+
+def in_processes(processes: int) -> Runner:
+    """Blocks one after another, each shared out to processes of this machine."""
+
+    def run(blocks: Sequence[Block], running: Running) -> Iterator[tuple[Block, list[ChaseResult]]]:
+        for block in blocks:
+            told = functools.partial(_tell_running, running, block.job.name)
+            yield block, run_block(block, processes, told)
+
+    return run
+
+
+def _tell_running(running: Running, name: str, chases: int) -> None:
+    running(chases, 0, name)
+
+
+def run_block(
+    block: Block, processes: int = 1, finished: Callable[[int], None] | None = None, batch_size: int | None = None
+) -> list[ChaseResult]:
+    """The chases of a block, in the order of their numbers."""
+    result = evaluate(
+        block.job.told,
+        block.job.controller,
+        block.episodes,
+        block.seed,
+        block.job.action_choice,
+        batch_size=DEFAULT_BATCH_SIZE if batch_size is None else batch_size,
+        processes=processes,
+        finished=finished,
+        first_chase=block.first_chase,
+        world=block.job.world,
+    )
+    return list(result.chases)
+
+
+def evaluate_jobs(
+    folder: Path,
+    jobs: Sequence[Job],
+    seed: int,
+    processes: int,
+    finished: Finished | None = None,
+    runner: Runner | None = None,
+) -> list[Evaluation]:
+    """Chases 0, 1, ... of the seed for every job, in their order; those of finished blocks are read from ``folder``.
+
+    They run in processes of this machine, or by ``runner`` where that is given.
+
+    Raises:
+        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work.
+        WorkerDiedError: a process was killed.
+    """
+    for job in jobs:
+        if job.episodes < 1:
+            raise InputError(f"episodes = {job.episodes} is refused: allowed is at least 1")
+    for controller, told, action_choice in dict.fromkeys((job.controller, job.told, job.action_choice) for job in jobs):
+        load_controller(controller, told, action_choice)
+    if seed < 0:
+        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
+    require_writable_folder(folder)
+    blocks = [block for job in jobs for block in Block(folder, job, seed, 0, job.episodes).parts(BLOCK_CHASES)]
+    chases = {block: block.load() for block in blocks}
+    missing = {block: block.origin for block, kept in chases.items() if kept is None}
+    count = _Count(finished or (lambda _chases, _found, _job: None))
+    for block, kept in chases.items():
+        if kept is not None:
+            count.block_ended(block, found=True)
+    for block, result in (runner or in_processes(processes))(list(missing), count.running):
+        block.save(result, missing[block])
+        chases[block] = result
+        count.block_ended(block, found=False)
+    return [
+        Evaluation(
+            job.told,
+            job.controller,
+            job.action_choice,
+            seed,
+            [chase for block in blocks if block.job is job for chase in chases[block] or []],
+            job.world,
+        )
+        for job in jobs
+    ]
+
+
+def file_name(text: str) -> str:
+    """A file name that no other text has."""
+    plain = re.sub(r"[^A-Za-z0-9.]+", "-", Path(text).stem if "/" in text else text).strip("-")
+    return plain if plain == text else f"{plain}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def save_table(path: Path, table: "pa.Table") -> None:
+    """Write a Parquet file, whole or not at all."""
+    import pyarrow.parquet as pq
+
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+@dataclass
+class _Count:
+    """Chases that have ended in all, and those of them that were found on disk."""
+
+    report: Finished
+    ended: int = 0
+    found: int = 0
+    told: tuple[int, int] = (0, 0)
+
+    def running(self, chases: int, found: int, job: str) -> None:
+        """So many of unfinished blocks have ended."""
+        self._tell(self.ended + chases, self.found + found, job)
+
+    def block_ended(self, block: Block, found: bool) -> None:
+        """A block is complete."""
+        self.ended += block.episodes
+        self.found += block.episodes if found else 0
+        self._tell(self.ended, self.found, block.job.name)
+
+    def _tell(self, chases: int, found: int, job: str) -> None:
+        # Never less than before: a block that is complete says nothing of others that are at work with it.
+        self.told = max(self.told[0], chases), max(self.told[1], found)
+        self.report(*self.told, job)

@@ -1,0 +1,267 @@
+"""Controllers beside one another on the same chases: who needs fewer movements, and by how much.
+
+Every controller of a comparison chases the same targets through the same fading, so that differences are taken chase by
+chase. A world may differ from what the controllers are told (``robustness``).
+"""
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..batch.streams import chase_keys
+from ..controllers import load_controller, weights_sha256
+from ..controllers.shipped import setting_name
+from ..errors import InputError
+from ..scenario import Scenario
+from ..world.departures import DEPARTURES, departed
+from ..world.environment import Environment
+from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table
+from .chases import ChaseResult
+from .table import CONFIDENCE, Evaluation, mean_interval
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+AS_TOLD = "as told"
+"""The world that is what the controllers are told."""
+TABLE_FILE = "comparison.parquet"
+RESAMPLES = 1_000
+"""Of the bootstrap for the difference of two percentiles."""
+RESAMPLING_SEED = 0
+TIMED_DECISIONS = 300
+TIMING_SEED = 1 << 60
+"""Of the chases in which decisions are timed."""
+WARM_UP_DECISIONS = 10
+
+
+@dataclass(frozen=True)
+class Place:
+    """What controllers are told, and the world they are in."""
+
+    told: Scenario
+    world_name: str
+    world: Scenario
+
+    @property
+    def name(self) -> str:
+        """In messages and file names."""
+        setting = setting_name(self.told.sampling_hz, self.told.spatial_correlation)
+        return setting if self.world_name == AS_TOLD else f"{setting}-{file_name(self.world_name)}"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One controller in one place."""
+
+    place: Place
+    evaluation: Evaluation
+
+
+def places(told: Sequence[Scenario], departures: bool) -> list[Place]:
+    """Each scenario as told; with ``departures`` also in every other world of the robustness table."""
+    names = DEPARTURES if departures else [AS_TOLD]
+    every = [Place(one, name, departed(one, name)) for one in told for name in names]
+    return [place for place in every if place.world_name == AS_TOLD or place.world != place.told]
+
+
+def comparison_jobs(controllers: Sequence[str], where: Sequence[Place], episodes: int) -> list[tuple[Place, Job]]:
+    """Every controller in every place.
+
+    Raises:
+        InputError: no controller, or one of them twice.
+    """
+    if not controllers:
+        raise InputError("no controllers to compare: give at least one")
+    for number, controller in enumerate(controllers):
+        if controller in controllers[:number]:
+            raise InputError(f"controller {controller!r} is given twice")
+    return [
+        (
+            place,
+            Job(f"{file_name(controller)}-{place.name}", controller, _told(controller, place), place.world, episodes),
+        )
+        for place in where
+        for controller in controllers
+    ]
+
+
+def compare(
+    folder: Path,
+    jobs: Sequence[tuple[Place, Job]],
+    seed: int,
+    processes: int,
+    finished: Finished | None = None,
+    runner: Runner | None = None,
+) -> list[Result]:
+    """Run all chases, those of an earlier run excepted; the table lies in ``folder`` afterwards.
+
+    They run in processes of this machine, or by ``runner`` where that is given.
+
+    Raises:
+        InputError: no episodes, a folder that cannot be written, or a controller that is refused.
+        WorkerDiedError: a process was killed.
+    """
+    evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner)
+    results = [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
+    save_table(folder / TABLE_FILE, comparison_table(results))
+    return results
+
+
+def _told(controller: str, place: Place) -> Scenario:
+    """The oracle knows the target of the world; the others what they are told."""
+    return place.world if controller == "oracle" else place.told
+
+
+def summaries(
+    results: Sequence[Result], decision_ms: "dict[tuple[str, str], tuple[float, float]] | None" = None
+) -> list[dict[str, Any]]:
+    """The summary of each result, its world and its difference from the first controller in the same place.
+
+    ``decision_ms`` are the median and the 99th percentile by controller and setting (``Place.name`` as told).
+    """
+    first = {result.place.name: result.evaluation for result in reversed(results)}
+    rows = []
+    for result in results:
+        told = result.place.told
+        setting = setting_name(told.sampling_hz, told.spatial_correlation)
+        times = (decision_ms or {}).get((result.evaluation.controller, setting), (None, None))
+        rows.append(
+            {
+                **result.evaluation.summary(),
+                "sampling_hz": told.sampling_hz,
+                "spatial_correlation": told.spatial_correlation,
+                "world": result.place.world_name,
+                **paired_difference(_movements(first[result.place.name]), _movements(result.evaluation)),
+                "decision_ms_p50": times[0],
+                "decision_ms_p99": times[1],
+            }
+        )
+    return rows
+
+
+def paired_difference(first: NDArray[Any], other: NDArray[Any]) -> dict[str, Any]:
+    """Movements of ``other`` less those of ``first`` on the same chases: mean and 90th percentile with intervals.
+
+    The mean's interval is that of the differences chase by chase; the percentile's is a bootstrap over the chases.
+    """
+    difference = other - first
+    resampled = resampled_differences_p90(first, other)
+    share = (1 - CONFIDENCE) / 2
+    return {
+        "movements_mean_difference": float(difference.mean()),
+        "movements_mean_difference_ci95": mean_interval(difference),
+        "movements_p90_difference": float(_p90(other[None])[0] - _p90(first[None])[0]),
+        "movements_p90_difference_ci95": [float(value) for value in np.quantile(resampled, [share, 1 - share])],
+    }
+
+
+def resampled_differences_p90(first: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+    """The difference of the 90th percentiles in ``RESAMPLES`` draws of as many chases, the same for both."""
+    generator = np.random.default_rng(RESAMPLING_SEED)
+    draws = []
+    for _ in range(0, RESAMPLES, 50):
+        chase = generator.integers(len(first), size=(50, len(first)))
+        draws.append(_p90(other[chase]) - _p90(first[chase]))
+    return np.concatenate(draws)
+
+
+def _p90(movements: NDArray[Any]) -> NDArray[Any]:
+    """``nearest_rank_percentile`` of each row."""
+    rank = max(0, int(np.ceil(90 * movements.shape[1] / 100)) - 1)
+    percentile: NDArray[Any] = np.partition(movements, rank, axis=1)[:, rank]
+    return percentile
+
+
+def _movements(evaluation: Evaluation) -> NDArray[Any]:
+    return np.array([chase.movements for chase in evaluation.chases], dtype=np.int64)
+
+
+def timed_decisions_ms(controller_name: str, scenario: Scenario) -> tuple[float, float]:
+    """Median and 99th percentile of the time a decision takes: a batch of one on one thread, chase after chase."""
+    controller, environment = load_controller(controller_name, scenario), Environment(scenario)
+    times_ms: list[float] = []
+    chase = 0
+    while len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
+        state = environment.reset(chase_keys(TIMING_SEED, 1, chase))
+        memory = controller.begin(1, TIMING_SEED, chase)
+        ended = False
+        while not ended and len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
+            observation = state.observation()
+            began_s = time.perf_counter()
+            with torch.inference_mode():
+                action, memory = controller.decide(observation, memory)
+            times_ms.append(1000 * (time.perf_counter() - began_s))
+            state, outcome = environment.step(state, action)
+            ended = bool(outcome.reached | outcome.truncated)
+        chase += 1
+    p50, p99 = np.quantile(times_ms[WARM_UP_DECISIONS:], [0.5, 0.99])
+    return float(p50), float(p99)
+
+
+def comparison_table(results: Sequence[Result]) -> "pa.Table":
+    """One row a chase of every result, with what is needed to redo it in the table's metadata."""
+    import pyarrow as pa
+
+    rows = [(number, chase) for number, result in enumerate(results) for chase in result.evaluation.chases]
+    columns = {
+        "result": pa.array([number for number, _ in rows], pa.int16()),
+        "chase": pa.array([chase.chase for _, chase in rows], pa.int32()),
+        "movements": pa.array([chase.movements for _, chase in rows], pa.int16()),
+        "reached": [chase.reached for _, chase in rows],
+        "path_length_m": pa.array([chase.path_length_m for _, chase in rows], pa.float32()),
+    }
+    origin = {"version": __version__, "results": [_origin(result) for result in results]}
+    return pa.table(columns).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+
+
+def _origin(result: Result) -> dict[str, Any]:
+    """What the chases of a result are a function of."""
+    evaluation = result.evaluation
+    return {
+        "controller": evaluation.controller,
+        "weights_sha256": weights_sha256(evaluation.controller, evaluation.scenario),
+        "told": result.place.told.to_dict(),
+        "world_name": result.place.world_name,
+        "world": result.place.world.to_dict(),
+        "seed": evaluation.seed,
+    }
+
+
+def read_results(path: Path) -> list[Result]:
+    """The results of a table that ``compare`` wrote; where their targets were is not in it.
+
+    Raises:
+        InputError: no such file, or not such a table.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+        origins = json.loads(table.schema.metadata[b"swarmchase"])["results"]
+        chases: list[list[ChaseResult]] = [[] for _ in origins]
+        nowhere = float("nan")
+        for row in table.to_pylist():
+            number = row.pop("result")
+            seed = origins[number]["seed"]
+            chases[number].append(
+                ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
+            )
+        return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
+    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"cannot read the comparison table {path}: {error}") from error
+
+
+def _read_result(origin: dict[str, Any], chases: list[ChaseResult]) -> Result:
+    told, world = Scenario.from_dict(origin["told"]), Scenario.from_dict(origin["world"])
+    place = Place(told, origin["world_name"], world)
+    controller = origin["controller"]
+    return Result(place, Evaluation(_told(controller, place), controller, None, origin["seed"], chases, world))

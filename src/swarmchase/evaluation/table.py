@@ -1,0 +1,273 @@
+"""A controller over N chases: one table on disk, one row a chase, and its summary with confidence intervals.
+
+The chases are shared out to processes; a chase is a function of its key alone, so the table is the same for any batch
+size and any number of processes.
+"""
+
+import contextlib
+import dataclasses
+import json
+import math
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing import connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..batch.freed_memory import keep_freed_memory
+from ..controllers import ActionChoice, chosen_weights, load_controller
+from ..errors import InputError, WorkerDiedError
+from ..files import atomic_path
+from ..scenario import Scenario
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
+
+SPEEDS_MPS = (2.0, 5.0)
+"""Tracker speeds of Fig. 7."""
+SHARE_CHASES = 500
+"""A further process is started for every so many chases: for fewer it would cost more time than it saves."""
+CONFIDENCE = 0.95
+NORMAL_QUANTILE = 1.959964
+"""Of (1 + CONFIDENCE) / 2."""
+
+
+def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
+    """tau(M, F) = M L / F + sum of d_m / v (Section IV)."""
+    return movements * scenario.window_s + path_length_m / speed_mps
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The chases of one controller in one scenario."""
+
+    scenario: Scenario
+    controller: str
+    action_choice: ActionChoice | None
+    seed: int
+    chases: Sequence[ChaseResult]
+    """In the order of their numbers."""
+    world: Scenario | None = None
+    """Where the chases were, if not in the scenario that the controller was told."""
+
+    @property
+    def weights(self) -> str | None:
+        """Which of a family's trained controllers this was, as ``paper/F10-rho0.9``; None for any other controller."""
+        chosen = chosen_weights(self.controller, self.scenario)
+        return None if chosen is None else chosen.name
+
+    def summary(self) -> dict[str, Any]:
+        """The figures of one row of a results table.
+
+        Failed chases count as MAX_STEPS + 1 movements and are never dropped.
+        """
+        movements = np.array([chase.movements for chase in self.chases])
+        reached = sum(chase.reached for chase in self.chases)
+        return {
+            "controller": self.controller,
+            "action_choice": self.action_choice,
+            "weights": self.weights,
+            "sampling_hz": self.scenario.sampling_hz,
+            "spatial_correlation": self.scenario.spatial_correlation,
+            "window_s": self.scenario.window_s,
+            "episodes": len(self.chases),
+            "seed": self.seed,
+            "success_rate": reached / len(self.chases),
+            "movements_mean": float(movements.mean()),
+            "movements_mean_ci95": mean_interval(movements),
+            "movements_p50": nearest_rank_percentile(movements, 50),
+            "movements_p50_ci95": percentile_interval(movements, 50),
+            "movements_p90": nearest_rank_percentile(movements, 90),
+            "movements_p90_ci95": percentile_interval(movements, 90),
+            "movements_max": int(movements.max()),
+            "tracking_time_mean_s": {f"{speed:g}": float(np.mean(self._times_s(speed))) for speed in SPEEDS_MPS},
+            "tracking_time_mean_s_ci95": {
+                f"{speed:g}": mean_interval(np.array(self._times_s(speed))) for speed in SPEEDS_MPS
+            },
+            "version": __version__,
+        }
+
+    def save_parquet(self, path: Path) -> None:
+        """Write one row a chase, with everything needed to redo it in the file's metadata, whole or not at all."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        columns = {
+            field.name: [getattr(chase, field.name) for chase in self.chases]
+            for field in dataclasses.fields(ChaseResult)
+        }
+        times = {f"tracking_time_{speed:g}mps_s": self._times_s(speed) for speed in SPEEDS_MPS}
+        origin = {
+            "version": __version__,
+            "scenario": self.scenario.to_dict(),
+            "world": (self.world or self.scenario).to_dict(),
+            "controller": self.controller,
+            "action_choice": self.action_choice,
+            "weights": self.weights,
+            "seed": self.seed,
+        }
+        table = pa.table({**columns, **times}).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+        with atomic_path(path) as temporary:
+            pq.write_table(table, temporary)
+
+    def _times_s(self, speed_mps: float) -> list[float]:
+        world = self.world or self.scenario
+        return [
+            tracking_time_s(world, min(chase.movements, world.max_movements), chase.path_length_m, speed_mps)
+            for chase in self.chases
+        ]
+
+
+def percentile_interval(values: NDArray[Any], percent: float | int) -> list[float]:
+    """A 95 % confidence interval of a percentile from order statistics: binomial, whatever the distribution.
+
+    It never leaves the range of the values, so of a few values it covers the percentile less often.
+    """
+    from scipy.stats import binom
+
+    ordered = np.sort(values)
+    share = (1 - CONFIDENCE) / 2
+    low = int(binom.ppf(share, len(ordered), percent / 100))
+    high = int(binom.ppf(1 - share, len(ordered), percent / 100)) + 1
+    return [float(ordered[max(0, low - 1)]), float(ordered[min(len(ordered) - 1, high - 1)])]
+
+
+def mean_interval(values: NDArray[Any]) -> list[float] | None:
+    """A 95 % confidence interval of the mean, normal approximation; None for one value, which has no spread."""
+    if len(values) < 2:
+        return None
+    half_width = NORMAL_QUANTILE * float(values.std(ddof=1)) / math.sqrt(len(values))
+    return [float(values.mean()) - half_width, float(values.mean()) + half_width]
+
+
+def evaluate(
+    scenario: Scenario,
+    controller: str,
+    episodes: int,
+    seed: int,
+    action_choice: ActionChoice | None = None,
+    batch_size: int = DEFAULT_BATCH_SIZE,
+    processes: int = 1,
+    finished: Callable[[int], None] | None = None,
+    first_chase: int = 0,
+    world: Scenario | None = None,
+) -> Evaluation:
+    """Run ``episodes`` chases of ``controller`` (a name or the path of a weights file), from number ``first_chase`` on.
+
+    The controller is told ``scenario``; the chases are in ``world`` where that is given.
+
+    ``finished`` is told the number of chases that have ended: 0 when all is checked and work begins, then each time
+    some end.
+
+    Raises:
+        InputError: no episodes, no batch, an unknown controller or a broken weights file.
+        WorkerDiedError: a process was killed, or failed with the error it printed.
+    """
+    for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
+        if value < 1:
+            raise InputError(f"{name} = {value} is refused: allowed is at least 1")
+    for name, value in (("seed", seed), ("first_chase", first_chase)):
+        if value < 0:
+            raise InputError(f"{name} = {value} is refused: allowed is at least 0")
+    load_controller(controller, scenario, action_choice)
+    work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
+    chases: list[ChaseResult] = []
+    report = finished or (lambda _chases: None)
+    report(0)
+    chosen = range(first_chase, first_chase + episodes)
+    for result in _run(work, chosen, min(processes, math.ceil(episodes / SHARE_CHASES))):
+        chases.append(result)
+        report(len(chases))
+    in_order = sorted(chases, key=lambda chase: chase.chase)
+    return Evaluation(scenario, controller, action_choice, seed, in_order, world)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a process needs to run chases; small enough to send."""
+
+    told: Scenario
+    world: Scenario
+    controller: str
+    action_choice: ActionChoice | None
+    seed: int
+    batch_size: int
+
+    def run(self, chases: range) -> Iterator[ChaseResult]:
+        controller = load_controller(self.controller, self.told, self.action_choice)
+        return run_chases(self.world, controller, self.seed, chases, self.batch_size)
+
+
+def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult]:
+    """The results of all chases, in whatever order they end."""
+    if processes == 1:
+        yield from work.run(chases)
+        return
+    context = multiprocessing.get_context("spawn")
+    running: dict[connection.Connection, multiprocessing.process.BaseProcess] = {}
+    try:
+        with _interrupts_blocked():
+            for number in range(processes):
+                share = chases[number * len(chases) // processes : (number + 1) * len(chases) // processes]
+                receiver, sender = context.Pipe(duplex=False)
+                process = context.Process(target=_run_share, args=(work, share, sender), daemon=True)
+                process.start()
+                sender.close()
+                running[receiver] = process
+        yield from _received(dict(running))
+    finally:
+        for one in running.values():
+            one.terminate()
+        for one in running.values():
+            one.join()
+
+
+def _received(running: "dict[connection.Connection, multiprocessing.process.BaseProcess]") -> Iterator[ChaseResult]:
+    """What the processes send until each has ended well; a process that dies closes its pipe."""
+    while running:
+        for receiver in connection.wait(list(running)):
+            assert isinstance(receiver, connection.Connection)
+            try:
+                message = receiver.recv()
+            except (EOFError, OSError):
+                process = running.pop(receiver)
+                process.join()
+                if process.exitcode != 0:
+                    raise WorkerDiedError(
+                        f"a process of the evaluation died with exit code {process.exitcode} (a negative one is the "
+                        "signal that killed it; 9 is what a machine out of memory sends)"
+                    ) from None
+                continue
+            if isinstance(message, InputError):
+                raise message
+            yield message
+
+
+def _run_share(work: _Work, chases: range, sender: connection.Connection) -> None:
+    """The whole life of a process: send every result, or why its input was refused."""
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    with sender:
+        try:
+            for result in work.run(chases):
+                sender.send(result)
+        except InputError as error:
+            sender.send(error)
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started here never see Ctrl-C: it is for the one that started them, which then ends them."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,1 @@
+"""What trackers and controller say to each other, and what carries it."""

@@ -1,0 +1,206 @@
+"""The message map: what each message is in MAVLink 2. docs/link.md says the same for strangers, and a test compares.
+
+Here positions are (east, north, up); MAVLink's local frame is (north, east, down), from the same origin.
+Numbers travel as float32, times as milliseconds or microseconds: what arrives is rounded to that, times downwards.
+"""
+
+import math
+from typing import Any
+
+from ...errors import InputError
+from .dialect import mavlink
+from .messages import Heartbeat, Message, Metres, PositionReport, Report, RssiWindow, SetPoint, TrackerMode
+from .rejection import Reason, RejectedError
+
+CONTROLLER_SYSTEM = 255
+CONTROLLER_COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
+TRACKER_COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+
+RSSI_NAME, RSSI_LAYOUT = b"rssi_dbm", 1
+"""``name`` and ``array_id`` of the RSSI windows; a new layout gets a new number."""
+RSSI_FIRST_SAMPLE = 8
+"""In ``data``: 0 is the sampling rate, 1 the number of samples, 2 to 7 are kept for later, then come the samples."""
+RSSI_FLOATS = 58
+
+POSITION_ONLY = (
+    mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AZ_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+)
+MODE_FLAGS = {
+    TrackerMode.HOLDING: mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED,
+    TrackerMode.FOLLOWING: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    TrackerMode.MANUAL: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED,
+}
+_MODE_OF_FLAGS = {flag: mode for mode, flag in MODE_FLAGS.items()}
+_ANY_MODE_FLAG = sum(MODE_FLAGS.values())
+
+_SPAN_MS = 4_294_967_296
+"""MAVLink's ``time_boot_ms`` has 32 bits and starts anew after so much, 49.7 days."""
+_MOST_SPANS = 65_536
+"""More than any time of messages.py has."""
+_HALF_EPOCH = 65_536
+"""A float32 holds whole numbers of up to 24 bits exactly: the epoch's 32 bits go in two halves."""
+
+
+def system_of(tracker: int) -> int:
+    """The MAVLink system id of a tracker."""
+    return tracker + 1
+
+
+def to_mavlink(message: Message) -> Any:
+    """The pymavlink message, ready to be packed."""
+    match message:
+        case RssiWindow():
+            return _rssi_to_mavlink(message)
+        case PositionReport():
+            return mavlink.MAVLink_local_position_ned_message(
+                _time_boot_ms(message.time_ns), *_swap_axes(message.position_m), *_swap_axes(message.velocity_mps)
+            )
+        case Heartbeat():
+            return mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                mavlink.MAV_AUTOPILOT_INVALID,
+                mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MODE_FLAGS[message.mode],
+                _time_boot_ms(message.time_ns),
+                mavlink.MAV_STATE_ACTIVE,
+                3,
+            )
+        case SetPoint():
+            return _set_point_to_mavlink(message)
+
+
+class ReportDecoder:
+    """What trackers say, from checked packets.
+
+    Milliseconds since boot come without their upper bits: the full time is the one nearest to the last full time of
+    the same tracker, which its RSSI windows carry. Before the first, they are read as they stand.
+    """
+
+    IDS = frozenset(
+        (
+            mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        )
+    )
+
+    def __init__(self) -> None:
+        self._latest_ms: dict[int, int] = {}
+
+    def decode(self, tracker: int, fields: Any) -> Report:
+        """A tracker's message.
+
+        Raises:
+            RejectedError: wrong layout or refused value.
+        """
+        try:
+            report = self._report(tracker, fields)
+        except InputError as error:
+            raise RejectedError(Reason.REFUSED_VALUE) from error
+        self._latest_ms[tracker] = report.time_ns // 10**6
+        return report
+
+    def _report(self, tracker: int, fields: Any) -> Report:
+        match fields.id:
+            case mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
+                return _rssi_from_mavlink(tracker, fields)
+            case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+                position_m = _swap_axes((fields.x, fields.y, fields.z))
+                velocity_mps = _swap_axes((fields.vx, fields.vy, fields.vz))
+                return PositionReport(tracker, self._time_ns(tracker, fields.time_boot_ms), position_m, velocity_mps)
+            case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                mode = _MODE_OF_FLAGS.get(fields.base_mode & _ANY_MODE_FLAG)
+                if mode is None:
+                    raise RejectedError(Reason.REFUSED_VALUE)
+                return Heartbeat(tracker, self._time_ns(tracker, fields.custom_mode), mode)
+            case _:
+                raise RejectedError(Reason.UNKNOWN_MESSAGE)
+
+    def _time_ns(self, tracker: int, time_boot_ms: int) -> int:
+        latest_ms = self._latest_ms.get(tracker, 0)
+        nearest_ms = latest_ms + (time_boot_ms - latest_ms + _SPAN_MS // 2) % _SPAN_MS - _SPAN_MS // 2
+        return (nearest_ms if nearest_ms >= 0 else nearest_ms + _SPAN_MS) * 10**6
+
+
+class SetPointDecoder:
+    """What the controller says, from checked packets."""
+
+    IDS = frozenset({mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED})
+
+    def decode(self, tracker: int, fields: Any) -> SetPoint:
+        """The controller's message to this tracker.
+
+        Raises:
+            RejectedError: wrong layout (one for another tracker included) or refused value.
+        """
+        if (
+            fields.target_system != system_of(tracker)
+            or fields.target_component != TRACKER_COMPONENT
+            or fields.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED
+            or fields.type_mask != POSITION_ONLY
+        ):
+            raise RejectedError(Reason.WRONG_LAYOUT)
+        time_ms = _whole(fields.afz, _MOST_SPANS) * _SPAN_MS + fields.time_boot_ms
+        epoch = _whole(fields.afx, _HALF_EPOCH) * _HALF_EPOCH + _whole(fields.afy, _HALF_EPOCH)
+        try:
+            return SetPoint(tracker, time_ms * 10**6, epoch, _swap_axes((fields.x, fields.y, fields.z)))
+        except InputError as error:
+            raise RejectedError(Reason.REFUSED_VALUE) from error
+
+
+def _rssi_to_mavlink(window: RssiWindow) -> Any:
+    data = [0.0] * RSSI_FLOATS
+    data[0], data[1] = window.sampling_hz, float(len(window.rssi_dbm))
+    data[RSSI_FIRST_SAMPLE : RSSI_FIRST_SAMPLE + len(window.rssi_dbm)] = window.rssi_dbm
+    return mavlink.MAVLink_debug_float_array_message(window.time_ns // 1000, RSSI_NAME, RSSI_LAYOUT, data)
+
+
+def _rssi_from_mavlink(tracker: int, fields: Any) -> RssiWindow:
+    if fields.name != RSSI_NAME.decode() or fields.array_id != RSSI_LAYOUT:
+        raise RejectedError(Reason.WRONG_LAYOUT)
+    num_samples = _whole(fields.data[1], RSSI_FLOATS - RSSI_FIRST_SAMPLE + 1)
+    samples_dbm = tuple(fields.data[RSSI_FIRST_SAMPLE : RSSI_FIRST_SAMPLE + num_samples])
+    return RssiWindow(tracker, fields.time_usec * 1000, fields.data[0], samples_dbm)
+
+
+def _set_point_to_mavlink(point: SetPoint) -> Any:
+    """The type mask tells every reader to ignore velocity, acceleration and yaw; the acceleration's place holds what
+    MAVLink has no place for. So epoch and position are in one packet, under one signature."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        _time_boot_ms(point.time_ns),
+        system_of(point.tracker),
+        TRACKER_COMPONENT,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        POSITION_ONLY,
+        *_swap_axes(point.position_m),
+        vx=0.0,
+        vy=0.0,
+        vz=0.0,
+        afx=float(point.epoch // _HALF_EPOCH),
+        afy=float(point.epoch % _HALF_EPOCH),
+        afz=float(point.time_ns // 10**6 // _SPAN_MS),
+        yaw=0.0,
+        yaw_rate=0.0,
+    )
+
+
+def _swap_axes(vector: Metres) -> Metres:
+    """(east, north, up) to (north, east, down), and back: it is its own inverse."""
+    return vector[1], vector[0], -vector[2]
+
+
+def _time_boot_ms(time_ns: int) -> int:
+    return time_ns // 10**6 % _SPAN_MS
+
+
+def _whole(number: float, bound: int) -> int:
+    """A whole number from 0 to below ``bound``."""
+    if not (math.isfinite(number) and number.is_integer() and 0 <= number < bound):
+        raise RejectedError(Reason.REFUSED_VALUE)
+    return int(number)

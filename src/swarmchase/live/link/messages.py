@@ -1,0 +1,141 @@
+"""What trackers and the controller say to one another, whatever carries it.
+
+Positions are metres in one local frame that all share: x east, y north, z up, from an agreed origin. Times are
+nanoseconds of the sender's own monotonic clock; nobody compares them with another clock without estimating the offset.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ...errors import InputError
+from ...scenario import NUM_TRACKERS
+
+MOST_SAMPLES = 50
+"""Of one RSSI message: the paper's window."""
+LOWEST_RSSI_DBM, HIGHEST_RSSI_DBM = -200.0, 50.0
+"""No receiver reports anything outside."""
+FARTHEST_M = 100_000.0
+"""No tracker is further from the origin than this on any axis."""
+FASTEST_MPS = 200.0
+SLOWEST_SAMPLING_HZ, FASTEST_SAMPLING_HZ = 0.1, 10_000.0
+
+Metres = tuple[float, float, float]
+
+
+class TrackerMode(IntEnum):
+    """What a tracker's vehicle is doing."""
+
+    HOLDING = 0
+    """Holds its position and would follow a set-point."""
+    FOLLOWING = 1
+    """Follows set-points."""
+    MANUAL = 2
+    """Its own failsafe or its pilot has taken over: it is not to be commanded."""
+
+
+@dataclass(frozen=True)
+class RssiWindow:
+    """The last samples of one tracker's receiver, oldest first; each message repeats earlier ones.
+
+    Raises:
+        InputError: a tracker, rate, number of samples or level that cannot be.
+    """
+
+    tracker: int
+    time_ns: int
+    """When the newest sample was taken."""
+    sampling_hz: float
+    rssi_dbm: tuple[float, ...]
+    """NaN where no valid sample was taken."""
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        _require_time(self.time_ns)
+        if not SLOWEST_SAMPLING_HZ <= self.sampling_hz <= FASTEST_SAMPLING_HZ:
+            raise InputError(f"sampling_hz = {self.sampling_hz} is refused")
+        if not 1 <= len(self.rssi_dbm) <= MOST_SAMPLES:
+            raise InputError(f"{len(self.rssi_dbm)} samples are refused: allowed is 1 to {MOST_SAMPLES}")
+        for level_dbm in self.rssi_dbm:
+            if not (math.isnan(level_dbm) or LOWEST_RSSI_DBM <= level_dbm <= HIGHEST_RSSI_DBM):
+                raise InputError(f"rssi_dbm = {level_dbm} is refused")
+
+
+@dataclass(frozen=True)
+class PositionReport:
+    """Where a tracker is.
+
+    Raises:
+        InputError: a tracker, position or velocity that cannot be.
+    """
+
+    tracker: int
+    time_ns: int
+    position_m: Metres
+    velocity_mps: Metres = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        _require_time(self.time_ns)
+        _require_within("position_m", self.position_m, FARTHEST_M)
+        _require_within("velocity_mps", self.velocity_mps, FASTEST_MPS)
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """A tracker is alive, and in which mode.
+
+    Raises:
+        InputError: a tracker or time that cannot be.
+    """
+
+    tracker: int
+    time_ns: int
+    mode: TrackerMode
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        _require_time(self.time_ns)
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """Where a tracker is to be. Set-points are the controller's proof of life: they are repeated all the time, and a
+    tracker that has heard none for a while holds.
+
+    Raises:
+        InputError: a tracker, epoch or position that cannot be.
+    """
+
+    tracker: int
+    time_ns: int
+    epoch: int
+    """Of the controller that says so; trackers obey the newest they have heard of."""
+    position_m: Metres
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        _require_time(self.time_ns)
+        if not 0 <= self.epoch < 2**32:
+            raise InputError(f"epoch = {self.epoch} is refused")
+        _require_within("position_m", self.position_m, FARTHEST_M)
+
+
+Report = RssiWindow | PositionReport | Heartbeat
+"""What a tracker says."""
+Message = Report | SetPoint
+
+
+def _require_tracker(tracker: int) -> None:
+    if not 0 <= tracker < NUM_TRACKERS:
+        raise InputError(f"tracker = {tracker} is refused: allowed is 0 to {NUM_TRACKERS - 1}")
+
+
+def _require_time(time_ns: int) -> None:
+    if not 0 <= time_ns < 2**63:
+        raise InputError(f"time_ns = {time_ns} is refused")
+
+
+def _require_within(name: str, vector: Metres, bound: float) -> None:
+    if len(vector) != 3 or not all(math.isfinite(value) and abs(value) <= bound for value in vector):
+        raise InputError(f"{name} = {vector} is refused")

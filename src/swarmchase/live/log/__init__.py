@@ -1,0 +1,1 @@
+"""The log of a live chase, written and read."""

@@ -1,0 +1,154 @@
+"""A log, read back: whole, or as far as it is whole."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import InputError
+from ..frame import Frame
+from ..service.chase_state import ChaseState, Decision, Transition
+from .entries import (
+    DECISION_TOPIC,
+    FRAME_TOPIC,
+    HEAD_TOPIC,
+    LOSS_TOPIC,
+    TRANSITION_TOPIC,
+    DecisionForm,
+    HeadForm,
+    LogHead,
+    LossForm,
+    TransitionForm,
+    decision_of,
+    from_json,
+    head_of,
+    transition_of,
+)
+from .mcap_messages import CutError, LogMessage, messages
+
+MOST_ENTRY_BYTES = 512 * 2**20
+"""Of transitions and decisions, which are held in memory: a hundred times what the longest chase of the paper needs."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a log holds. Its frames stay on disk."""
+
+    path: Path
+    head: LogHead
+    transitions: tuple[Transition, ...]
+    decisions: tuple[Decision, ...]
+    num_frames: int
+    seconds: float
+    """From the head to whatever is the last."""
+    lost_frames: int
+    """So many the recorder could not keep up with;"""
+    lost_entries: int
+    """and so many transitions and decisions."""
+    cut: str
+    """Where and why it is not whole; else empty."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether something is missing at its end."""
+        return bool(self.cut)
+
+    @property
+    def state(self) -> ChaseState:
+        """At its end."""
+        return self.transitions[-1].after if self.transitions else ChaseState.IDLE
+
+    @property
+    def reason(self) -> str:
+        """Of the last transition; empty before the first."""
+        return self.transitions[-1].reason if self.transitions else ""
+
+    @property
+    def movements(self) -> int:
+        """That were made."""
+        return max((decision.movement for decision in self.decisions), default=0)
+
+    def frames(self) -> Iterator[Frame]:
+        """All of them, read one by one.
+
+        Raises:
+            InputError: the file cannot be read any more, or a frame has another form.
+        """
+        try:
+            for message in messages(self.path):
+                if message.topic == FRAME_TOPIC:
+                    yield from_json(message.data, Frame)
+        except CutError:
+            return
+
+
+def read_recording(path: Path) -> Recording:
+    """The log in this file; one that is cut as far as it is whole.
+
+    Raises:
+        InputError: the file cannot be read, is no log, ends before its head is whole, or has another layout.
+    """
+    reading = _Reading(path)
+    cut = ""
+    try:
+        for message in messages(path):
+            reading.take(message)
+    except CutError as error:
+        cut = str(error)
+    return reading.recording(cut)
+
+
+class _Reading:
+    """What has been read so far."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._head: LogHead | None = None
+        self._transitions: list[Transition] = []
+        self._decisions: list[Decision] = []
+        self._num_frames = self._entry_bytes = self._last_ns = 0
+        self._loss = LossForm(frames=0, entries=0)
+
+    def take(self, message: LogMessage) -> None:
+        """The next message."""
+        try:
+            self._take(message)
+        except InputError as error:
+            raise InputError(f"cannot read the log {self._path}: {error}") from None
+
+    def _take(self, message: LogMessage) -> None:
+        topic, data = message.topic, message.data
+        self._last_ns = max(self._last_ns, message.log_time_ns)
+        if self._head is None:
+            if topic != HEAD_TOPIC:
+                raise InputError("it does not begin with the head of a chase")
+            self._head = head_of(from_json(data, HeadForm))
+        elif topic == FRAME_TOPIC:
+            self._num_frames += 1
+        elif topic == LOSS_TOPIC:
+            self._loss = from_json(data, LossForm)
+        elif topic in {TRANSITION_TOPIC, DECISION_TOPIC}:
+            self._entry_bytes += len(data)
+            if self._entry_bytes > MOST_ENTRY_BYTES:
+                raise InputError(f"its transitions and decisions have more than {MOST_ENTRY_BYTES} bytes")
+            if topic == TRANSITION_TOPIC:
+                self._transitions.append(transition_of(from_json(data, TransitionForm)))
+            else:
+                window_samples = self._head.scenario.window_samples
+                self._decisions.append(decision_of(from_json(data, DecisionForm), window_samples))
+
+    def recording(self, cut: str) -> Recording:
+        """All that was read."""
+        if self._head is None:
+            raise InputError(f"the log {self._path} holds no chase: {cut or 'it is empty'}")
+        began_ns = self._head.wall_ns(self._head.began_ns)
+        return Recording(
+            self._path,
+            self._head,
+            tuple(self._transitions),
+            tuple(self._decisions),
+            self._num_frames,
+            max(0, self._last_ns - began_ns) / 1e9,
+            self._loss["frames"],
+            self._loss["entries"],
+            cut,
+        )

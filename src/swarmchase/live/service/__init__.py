@@ -1,0 +1,1 @@
+"""The controller service: knows six trackers, decides, keeps the limits."""

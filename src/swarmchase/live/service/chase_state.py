@@ -1,0 +1,108 @@
+"""What a live chase is doing: its states, what is recorded of it, and what a page shows."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ...controllers.explanation import Explanation
+from ..link.messages import Metres, TrackerMode
+from .sample_window import Levels, Points
+
+
+class ChaseState(Enum):
+    """Of the controller service."""
+
+    IDLE = "idle"
+    """Listens; commands nobody."""
+    CONNECTING = "connecting"
+    """Waits for enough trackers."""
+    SAMPLING = "sampling"
+    """The trackers stay in their places and fill a window."""
+    MOVING = "moving"
+    """They are on their way."""
+    HOLDING = "holding"
+    """They stay where they are told to be until the cause is gone."""
+    REACHED = "reached"
+    """The target is reached; they stay there."""
+    LOST = "lost"
+    """The movements are spent and the target is not reached; they stay there."""
+    ABORTED = "aborted"
+    """Told to stay, then told nothing any more: their own fallback takes over."""
+
+
+UNDER_WAY = frozenset({ChaseState.CONNECTING, ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.HOLDING})
+"""From these a chase can still be held or declared reached."""
+
+
+@dataclass(frozen=True)
+class Transition:
+    """From one state to the next, and why."""
+
+    time_ns: int
+    before: ChaseState
+    after: ChaseState
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What a controller saw and what it decided: enough to ask it again, decision by decision.
+
+    An action that is no number leaves the controller's memory as it was before.
+    """
+
+    time_ns: int
+    movement: int
+    """1 for the first; 0 where the action was not carried out."""
+    rssi_dbm: Levels
+    """[sample, tracker], float32 values; NaN where nothing valid came."""
+    tracker_position_m: Points
+    """[sample, tracker, 3] in the chase's own frame."""
+    spacing_m: float
+    displacement_m: Metres
+    changed: str
+    """Where something else was done than the action says: what and why; else empty."""
+
+
+@dataclass(frozen=True)
+class TrackerSnapshot:
+    """One tracker at one moment. Metres are of the shared frame; what is not known is None."""
+
+    position_m: Metres | None
+    set_point_m: Metres | None
+    """None where it is not commanded."""
+    mode: TrackerMode | None
+    position_age_s: float
+    """Infinite before the first."""
+    rssi_age_s: float
+    """Of the newest valid sample; infinite before the first."""
+    is_lost: bool
+    is_silent: bool
+    missing_share: float
+    """Of its last window."""
+    rssi_dbm: tuple[float, ...]
+    """Its last window, oldest first; NaN where nothing valid came."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The service at one moment."""
+
+    time_ns: int
+    epoch: int
+    state: ChaseState
+    reason: str
+    """Of the last transition."""
+    movements: int
+    origin_m: Metres | None
+    """Where the chase's own frame begins, in the shared frame; None before it has begun."""
+    center_m: Metres | None
+    """Of the formation as commanded, in the shared frame."""
+    spacing_m: float | None
+    trackers: tuple[TrackerSnapshot, ...]
+    last_decision: Decision | None
+    explanation: Explanation | None
+    """Of the last movement, where the controller can explain itself."""
+    window_since_ns: int | None
+    """In SAMPLING: the window begins with the first valid sample taken then or later."""
+    recorder_failures: int
+    """How often the recorder has failed."""

@@ -1,0 +1,373 @@
+"""The controller service: one chase with real trackers.
+
+    IDLE -> CONNECTING -> SAMPLING <-> MOVING -> REACHED, LOST or ABORTED; HOLDING in between while something is wrong
+
+``step`` is called again and again, at 20 Hz say, and never blocks: hear what has come in, find out who can be
+commanded, do what the state asks for, stream the set-points. The set-points are the proof of life: where no step is
+made, trackers hold by themselves. The controller decides inside ``step``, and it is the very one that evaluation runs.
+
+Not thread-safe: the operator's words (``start``, ``hold``, ``resume``, ``declare_reached``, ``abort``) come between
+steps.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ...controllers.condition import Condition
+from ...controllers.explanation import Explaining, Explanation
+from ...controllers.protocol import Controller
+from ...errors import InputError
+from ...observation import Observation
+from ...scenario import NUM_TRACKERS, Scenario
+from ..clock import Clock
+from ..link.messages import SetPoint
+from ..link.protocol import Link
+from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from .nearness import NearnessJudge
+from .safety import Move, SafetyFilter, SafetyLimits, formation_m
+from .sample_window import Levels, Point, Points
+from .swarm import Swarm, metres
+
+Recorder = Callable[[Transition | Decision], None]
+
+ABORT_S = 1.0
+"""So long trackers are told to hold after ``abort``: one set-point alone may get lost."""
+DEAF_WINDOWS = 3
+"""After so many windows in a row in which the controller heard nothing, something is wrong."""
+
+
+@dataclass(frozen=True)
+class ServiceSettings:
+    """How the service runs a chase.
+
+    Raises:
+        InputError: a number of trackers or windows, a length or a time that cannot be.
+    """
+
+    minimum_trackers: int = 4
+    """Trackers that must be commanded and heard; with fewer it holds."""
+    connect_wait_s: float = 2.0
+    """With enough trackers it waits so long for the others before it begins."""
+    arrival_tolerance_m: float = 0.3
+    """A tracker this near to its place has arrived."""
+    settle_s: float = 0.8
+    """Then it brakes and swings for a moment: samples count from so long after its arrival."""
+    move_allowance_s: float = 5.0
+    """A movement may take twice its shortest time and this."""
+    sampling_allowance_s: float = 2.0
+    """A window may take this much longer than its samples, from the first valid one on; what has not come by then is
+    missing."""
+    retry_s: float = 1.0
+    """After the controller's failure it holds for so long."""
+    reached_windows: int = 2
+    """Windows by which ``NearnessJudge`` declares the target reached; 0: only the operator does."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.minimum_trackers <= NUM_TRACKERS:
+            raise InputError(f"minimum_trackers = {self.minimum_trackers} is refused: allowed is 1 to {NUM_TRACKERS}")
+        if self.reached_windows < 0:
+            raise InputError(f"reached_windows = {self.reached_windows} is refused: allowed is 0 or more")
+        if not 0 < self.arrival_tolerance_m < math.inf:
+            raise InputError(f"arrival_tolerance_m = {self.arrival_tolerance_m} is refused: allowed is above 0")
+        for name in ("connect_wait_s", "settle_s", "move_allowance_s", "sampling_allowance_s", "retry_s"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 or more")
+
+
+class ControllerService:
+    """Runs chase ``chase`` of run ``seed`` through a link.
+
+    Args:
+        recorder: Is given every transition and decision; its failures are counted, not raised.
+        epoch: Larger than that of any controller that has spoken to these trackers before.
+
+    Raises:
+        InputError: an epoch that cannot be.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        controller: Controller,
+        link: Link,
+        clock: Clock,
+        limits: SafetyLimits,
+        recorder: Recorder,
+        epoch: int,
+        seed: int = 0,
+        chase: int = 0,
+        settings: ServiceSettings | None = None,
+    ) -> None:
+        SetPoint(0, 0, epoch, (0.0, 0.0, 0.0))
+        self._scenario, self._controller, self._link, self._clock = scenario, controller, link, clock
+        self._recorder, self._epoch = recorder, epoch
+        self._settings = settings or ServiceSettings()
+        self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
+        self._speed_mps = limits.highest_speed_mps
+        self._swarm = Swarm(scenario, limits)
+        self._judge = NearnessJudge(scenario, self._settings.reached_windows, self._settings.minimum_trackers)
+        self.memory = controller.begin(1, seed, chase)
+        """The controller's."""
+        self.state, self._reason = ChaseState.IDLE, ""
+        self._now_ns = self._last_step_ns = clock.now_ns()
+        self._entered_ns = self._now_ns
+        self._origin_m: Point | None = None
+        self._formation: Move | None = None
+        """What is flown to, or held."""
+        self._in_place = True
+        self._told_ns = self._now_ns
+        """When the trackers were first told the places that they are now flying to."""
+        self._since_ns = self._now_ns
+        """The window begins with the first valid sample taken then or later."""
+        self._move_s = 0.0
+        self._movements = self._deaf_windows = self._recorder_failures = 0
+        self._operator_holds = False
+        self._retry_ns = self._now_ns
+        self._last_decision: Decision | None = None
+        self._to_explain: Observation | None = None
+        self._explanation: Explanation | None = None
+
+    # What the operator says
+
+    def start(self) -> None:
+        """Begin to command trackers."""
+        if self.state is ChaseState.IDLE:
+            self._go(ChaseState.CONNECTING, "the operator starts")
+
+    def hold(self) -> None:
+        """Stay until ``resume``."""
+        if self.state in UNDER_WAY and not self._operator_holds:
+            self._operator_holds = True
+            self._hold("the operator holds")
+
+    def resume(self) -> None:
+        """Go on after ``hold``, or after the target was taken for reached and is not."""
+        if self.state is ChaseState.REACHED:
+            self._judge.forget()
+            self._go(ChaseState.HOLDING, "the operator says that it is not reached")
+        elif self._operator_holds and self.state is ChaseState.HOLDING:
+            self._go(ChaseState.HOLDING, "the operator resumes")
+        self._operator_holds = False
+
+    def declare_reached(self) -> None:
+        """The operator sees the target."""
+        if self.state in UNDER_WAY:
+            self._stop(ChaseState.REACHED, "the operator says so")
+
+    def abort(self) -> None:
+        """Tell the trackers to hold, then nothing any more."""
+        if self.state is not ChaseState.ABORTED:
+            self._stop(ChaseState.ABORTED, "the operator aborts")
+
+    # The loop
+
+    def listen(self) -> None:
+        """Take in what has come. Each step does; in between it is worth it because the clocks of the trackers are known
+        as well as the moments of arrival.
+        """
+        self._now_ns = self._clock.now_ns()
+        self._swarm.listen(self._link.receive(), self._now_ns)
+
+    def step(self) -> None:
+        """Whatever there is to do now."""
+        self.listen()
+        elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
+        if self.state is not ChaseState.IDLE:
+            self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
+        self._act()
+        self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
+        self._speak()
+
+    def _act(self) -> None:
+        """What the state asks for."""
+        if self.state in {ChaseState.SAMPLING, ChaseState.MOVING} and not self._has_enough():
+            self._hold(f"{len(self._swarm.usable())} trackers are too few")
+        elif self.state is ChaseState.CONNECTING:
+            self._connect()
+        elif self.state is ChaseState.SAMPLING:
+            self._sample()
+        elif self.state is ChaseState.MOVING:
+            self._move()
+        elif self.state is ChaseState.HOLDING:
+            self._try_to_resume()
+
+    def _connect(self) -> None:
+        """Begin with all six, or after a while with enough of them."""
+        if not self._has_enough():
+            self._entered_ns = self._now_ns
+            return
+        number = len(self._swarm.usable())
+        if number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s:
+            center_m, spacing_m = self._swarm.center_and_spacing_m()
+            self._origin_m = center_m
+            self._formation = Move(center_m, spacing_m, (), "")
+            self._begin_sampling(f"{number} trackers are there")
+
+    def _begin_sampling(self, reason: str, since_ns: int | None = None) -> None:
+        """From this moment, or with what is taken after now."""
+        self._in_place, self._since_ns = True, self._now_ns + 1 if since_ns is None else since_ns
+        self._since_ns += round(self._settings.settle_s * 1e9)
+        self._go(ChaseState.SAMPLING, reason)
+
+    def _sample(self) -> None:
+        """Wait for the window, then judge and decide."""
+        begins_ns = self._swarm.first_valid_ns(self._since_ns)
+        allowance_s = self._settings.sampling_allowance_s
+        is_complete = begins_ns is not None and self._swarm.has_window(begins_ns, allowance_s)
+        begins_ns = self._since_ns if begins_ns is None else begins_ns
+        allowed_s = self._scenario.window_s + allowance_s
+        if not is_complete and (self._now_ns - begins_ns) / 1e9 < allowed_s:
+            return
+        assert self._formation is not None
+        assert self._origin_m is not None
+        place_m = formation_m(self._formation.center_m, self._formation.spacing_m)
+        rssi_dbm, position_m = self._swarm.window(begins_ns, place_m)
+        center_m = self._center_m(position_m[-1])
+        if self._judge.is_reached(rssi_dbm, np.linalg.norm(position_m[-1] - center_m, axis=1)):
+            self._stop(ChaseState.REACHED, "every tracker hears the target as near as the success radius asks for")
+        elif self._movements >= self._scenario.max_movements:
+            self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
+        else:
+            self._decide(rssi_dbm, position_m - self._origin_m, center_m)
+
+    def _center_m(self, position_m: Points) -> Point:
+        """Where the controller sees the centre: the mean of the positions, unless that is where it should be but for
+        a tolerance, which must not make the formation wander.
+        """
+        assert self._formation is not None
+        seen_m = np.asarray(position_m.mean(axis=0))
+        off_m = np.linalg.norm(seen_m - self._formation.center_m)
+        return self._formation.center_m if off_m <= self._settings.arrival_tolerance_m else seen_m
+
+    def _decide(self, rssi_dbm: Levels, position_m: Points, center_m: Point) -> None:
+        """Ask the controller and set out, or hold where it fails. Positions are in the chase's own frame."""
+        observation = Observation(torch.from_numpy(rssi_dbm).float()[None], torch.from_numpy(position_m)[None])
+        try:
+            action, memory = self._controller.decide(observation, self.memory)
+            spacing_m = float(action.spacing_m[0])
+            x_m, y_m, z_m = action.displacement_m[0].tolist()
+            condition = getattr(memory, "condition", None)
+            is_deaf = condition is not None and int(condition[0]) == Condition.DEAF
+        except Exception as error:
+            self._hold(f"the controller failed: {type(error).__name__}: {error}", self._settings.retry_s)
+            return
+        is_number = all(map(math.isfinite, (spacing_m, x_m, y_m, z_m)))
+        if is_number:
+            self.memory = memory
+            self._deaf_windows = self._deaf_windows + 1 if is_deaf else 0
+        if not is_number or self._deaf_windows >= DEAF_WINDOWS:
+            deaf = f"the controller has heard nothing for {self._deaf_windows} windows"
+            movement, changed = 0, deaf if is_number else "the controller's action is no number"
+            self._hold(changed, self._settings.retry_s)
+        else:
+            movement = self._movements = self._movements + 1
+            changed = self._fly(center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
+            self._to_explain = observation
+        decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
+        self._last_decision = decision
+        self._record(decision)
+
+    def _fly(self, center_m: Point, spacing_m: float, reason: str) -> str:
+        """Set out for this formation, or what the safety filter makes of it; returns what it says."""
+        assert self._formation is not None
+        swarm = self._swarm
+        move = self._filter.move(
+            self._formation, center_m, spacing_m, swarm.stream.set_point_m, swarm.positions_m(), swarm.obstacles_m()
+        )
+        self._formation = replace(move, legs=())
+        self._swarm.stream.fly(move.legs)
+        self._move_s = self._swarm.stream.longest_way_m() / self._speed_mps
+        self._in_place = False
+        self._told_ns = self._now_ns
+        self._go(ChaseState.MOVING, f"{reason}; {move.reason}" if move.reason else reason)
+        return move.reason
+
+    def _move(self) -> None:
+        """Sample once all are there. The window begins when the last of them reported so, by its own clock."""
+        if not self._swarm.stream.has_arrived:
+            self._told_ns = self._now_ns  # nothing has been reported after this: nobody has arrived
+        arrived_ns = self._swarm.arrived_ns(self._settings.arrival_tolerance_m, self._told_ns)
+        since_ns = [time_ns for time_ns in arrived_ns if time_ns is not None]
+        late = len(arrived_ns) - len(since_ns)
+        if not late:
+            self._begin_sampling("arrived", max(since_ns))
+        elif self._seconds_in_state() > 2 * self._move_s + self._settings.move_allowance_s:
+            self._swarm.stream.stop()
+            self._begin_sampling(f"{late} trackers have not arrived in time")
+
+    def _hold(self, reason: str, for_s: float = 0.0) -> None:
+        self._retry_ns = self._now_ns + round(for_s * 1e9)
+        self._swarm.stream.stop()
+        self._go(ChaseState.HOLDING, reason)
+
+    def _try_to_resume(self) -> None:
+        if self._operator_holds or not self._has_enough() or self._now_ns < self._retry_ns:
+            return
+        if self._formation is None:
+            self._go(ChaseState.CONNECTING, "the cause of holding is gone")
+        elif self._in_place:
+            self._begin_sampling("the cause of holding is gone")
+        else:
+            self._fly(self._formation.center_m, self._formation.spacing_m, "the cause of holding is gone")
+
+    def _speak(self) -> None:
+        """The set-points, in every state that commands."""
+        if self.state is ChaseState.ABORTED and self._seconds_in_state() > ABORT_S:
+            return
+        for set_point in self._swarm.set_points(self._epoch, self._now_ns):
+            self._link.send(set_point)
+
+    def explain(self) -> None:
+        """Ask the controller about its last decision, for the snapshots: between steps, since it is only for people."""
+        if self._to_explain is None or not isinstance(self._controller, Explaining):
+            return
+        try:
+            self._explanation = self._controller.explain(self._to_explain, self.memory)
+        except Exception:  # a picture is not worth a chase
+            self._explanation = None
+        self._to_explain = None
+
+    def _has_enough(self) -> bool:
+        return len(self._swarm.usable()) >= self._settings.minimum_trackers
+
+    def _seconds_in_state(self) -> float:
+        return (self._now_ns - self._entered_ns) / 1e9
+
+    def snapshot(self) -> Snapshot:
+        """Everything a page shows."""
+        formation = self._formation
+        return Snapshot(
+            time_ns=self._now_ns,
+            epoch=self._epoch,
+            state=self.state,
+            reason=self._reason,
+            movements=self._movements,
+            origin_m=None if self._origin_m is None else metres(self._origin_m),
+            center_m=None if formation is None else metres(formation.center_m),
+            spacing_m=None if formation is None else formation.spacing_m,
+            trackers=self._swarm.snapshots(),
+            last_decision=self._last_decision,
+            explanation=self._explanation,
+            window_since_ns=self._since_ns if self.state is ChaseState.SAMPLING else None,
+            recorder_failures=self._recorder_failures,
+        )
+
+    def _stop(self, state: ChaseState, reason: str) -> None:
+        self._swarm.stream.stop()
+        self._go(state, reason)
+
+    def _go(self, state: ChaseState, reason: str) -> None:
+        self._now_ns = max(self._now_ns, self._clock.now_ns())
+        self._record(Transition(self._now_ns, self.state, state, reason))
+        self.state, self._reason, self._entered_ns = state, reason, self._now_ns
+
+    def _record(self, entry: Transition | Decision) -> None:
+        try:
+            self._recorder(entry)
+        except Exception:
+            # A full disk must not stop the trackers.
+            self._recorder_failures += 1

@@ -1,0 +1,138 @@
+"""What the controller knows of one tracker: its samples, its positions, its mode, and how old each of them is."""
+
+import bisect
+import math
+
+import numpy as np
+
+from ...scenario import Scenario
+from ..link.messages import Heartbeat, PositionReport, Report, RssiWindow, TrackerMode
+from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow
+
+SILENT_S = 1.0
+"""A tracker without a valid sample for so long is silent."""
+SILENT_SAMPLES = 3
+"""Where sampling is slow, it is silent only after so many missing samples."""
+LOST_S = 1.0
+"""A tracker without a position for so long is lost."""
+LATEST_NS = 2**62
+"""No clock is later than 146 years after its start; what is dated later is dropped."""
+MOST_POSITIONS = 1000
+"""No more than the newest of this many are kept, whatever a tracker sends."""
+
+
+class TrackerRecord:
+    """One tracker as its messages tell it. Times given and returned are of the controller's clock unless said."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._kept_ns = round((2 * scenario.window_s + KEPT_BEYOND_WINDOW_S) * 1e9)
+        self._silent_s = max(SILENT_S, SILENT_SAMPLES / scenario.sampling_hz)
+        self._offset = ClockOffset()
+        self._samples = SampleWindow(scenario.sampling_hz, scenario.window_samples)
+        self.position_m: Point | None = None
+        """Where it was last seen, in metres of the shared frame; a restart does not move it."""
+        self._forget()
+
+    def _forget(self) -> None:
+        self._offset.forget()
+        self._samples.forget()
+        # Sender times, rising, and the positions at them.
+        self._position_ns: list[int] = []
+        self._position_m: list[Point] = []
+        self._heartbeat_ns = -1
+        self.mode: TrackerMode | None = None
+        """Of the newest heartbeat; None before the first."""
+
+    def hear(self, message: Report, now_ns: int) -> None:
+        """Take in what has just arrived. A heartbeat that tells of a restart empties everything first."""
+        if message.time_ns > LATEST_NS:
+            return
+        if isinstance(message, Heartbeat) and self._offset.contradicts(message.time_ns, now_ns):
+            self._forget()
+        self._offset.heard(message.time_ns, now_ns)
+        if isinstance(message, RssiWindow):
+            self._samples.add(message)
+        elif isinstance(message, PositionReport):
+            self._add_position(message)
+        elif message.time_ns > self._heartbeat_ns:
+            self._heartbeat_ns, self.mode = message.time_ns, message.mode
+
+    def _add_position(self, message: PositionReport) -> None:
+        place = bisect.bisect_left(self._position_ns, message.time_ns)
+        if self._position_ns[place : place + 1] == [message.time_ns]:
+            return
+        self._position_ns.insert(place, message.time_ns)
+        self._position_m.insert(place, np.array(message.position_m, dtype=np.float64))
+        old = bisect.bisect_left(self._position_ns, self._position_ns[-1] - self._kept_ns)
+        old = max(old, len(self._position_ns) - MOST_POSITIONS)
+        del self._position_ns[:old], self._position_m[:old]
+        self.position_m = self._position_m[-1]
+
+    def position_age_s(self, now_ns: int) -> float:
+        """Of its newest position; infinite without any."""
+        return self._age_s(self._position_ns[-1] if self._position_ns else None, now_ns)
+
+    def rssi_age_s(self, now_ns: int) -> float:
+        """Of its newest valid sample; infinite without any."""
+        return self._age_s(self._samples.newest_valid_ns, now_ns)
+
+    def _age_s(self, sender_ns: int | None, now_ns: int) -> float:
+        if sender_ns is None or self._offset.offset_ns is None:
+            return math.inf
+        return (now_ns - sender_ns - self._offset.offset_ns) / 1e9
+
+    def is_lost(self, now_ns: int) -> bool:
+        """Whether nobody knows where it is."""
+        return self.position_age_s(now_ns) > LOST_S
+
+    def is_silent(self, now_ns: int, patience_s: float = 0.0) -> bool:
+        """Whether it hears nothing, or nothing of what it hears arrives, and has not for so much longer."""
+        return self.rssi_age_s(now_ns) > self._silent_s + patience_s
+
+    def may_be_commanded(self, now_ns: int) -> bool:
+        """Whether it is known where it is and that no one else flies it."""
+        return self.mode not in {None, TrackerMode.MANUAL} and not self.is_lost(now_ns)
+
+    def arrived_ns(self, at_m: Point, tolerance_m: float, told_ns: int) -> int | None:
+        """Since when it has been reporting to be there without a break, after it was told to; None if it is elsewhere
+        or has not reported since.
+        """
+        since_ns = None
+        if self._offset.offset_ns is not None:
+            for time_ns, position_m in zip(reversed(self._position_ns), reversed(self._position_m), strict=True):
+                arrived_ns = time_ns + self._offset.offset_ns
+                if arrived_ns <= told_ns or np.linalg.norm(position_m - at_m) > tolerance_m:
+                    break
+                since_ns = arrived_ns
+        return since_ns
+
+    def first_valid_ns(self, since_ns: int) -> int | None:
+        """When the first valid sample from this moment on was taken; None before there is one."""
+        if self._offset.offset_ns is None:
+            return None
+        own_ns = self._samples.first_valid_ns(since_ns - self._offset.offset_ns)
+        return None if own_ns is None else own_ns + self._offset.offset_ns
+
+    def has_window(self, since_ns: int) -> bool:
+        """Whether all samples of the window that begins at this moment were taken."""
+        return self._offset.offset_ns is not None and self._samples.is_complete(since_ns - self._offset.offset_ns)
+
+    def window(self, since_ns: int) -> tuple[Levels, Points]:
+        """The first samples since this moment: levels in dBm [sample], NaN where none has come, and where each was
+        taken [sample, 3] in metres of the shared frame.
+
+        Raises:
+            ValueError: it has never said where it is.
+        """
+        if not self._position_ns or self._offset.offset_ns is None:
+            raise ValueError("a tracker without a position has no window")
+        rssi_dbm, time_ns = self._samples.window(since_ns - self._offset.offset_ns)
+        # Relative to the newest: nanoseconds since boot are too many for a float64.
+        at_s = (time_ns - self._position_ns[-1]) / 1e9
+        known_s = (np.array(self._position_ns) - self._position_ns[-1]) / 1e9
+        known_m = np.array(self._position_m)
+        return rssi_dbm, np.stack([np.interp(at_s, known_s, known_m[:, axis]) for axis in range(3)], axis=1)
+
+    def last_window(self) -> Levels:
+        """Its newest samples, oldest first, in dBm."""
+        return self._samples.last_window()

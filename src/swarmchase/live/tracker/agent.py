@@ -1,0 +1,212 @@
+"""The tracker agent: beside a tracker's receiver and autopilot, it reports what they say and does what the controller
+says, for as long as the controller says it.
+
+    agent = TrackerAgent(tracker, source, vehicle, link, clock, sampling_hz)
+    while running:
+        agent.step()
+
+It needs neither torch nor numpy: it runs on the smallest computer that flies.
+"""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+from ...errors import InputError
+from ..clock import Clock
+from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
+from ..link.protocol import Link
+from .sources.protocol import RssiSource, Sample
+from .sources.sample_buffer import SampleBuffer
+from .sources.sender_clock import SenderClock
+from .vehicles.protocol import Vehicle
+
+
+@dataclass(frozen=True)
+class AgentSettings:
+    """How often the agent reports, and how long it waits for the controller.
+
+    Raises:
+        InputError: a rate or time that cannot be.
+    """
+
+    window_hz: float = 10.0
+    """RSSI messages a second; each holds up to 50 samples, so that any one that arrives restores them all."""
+    position_hz: float = 10.0
+    heartbeat_hz: float = 1.0
+    hold_after_s: float = 1.0
+    """After the sending of the last set-point the vehicle holds (PX4's COM_OF_LOSS_T)."""
+    return_after_s: float = 60.0
+    """After it, the vehicle returns to where it was when it first followed; 0: it never does."""
+
+    def __post_init__(self) -> None:
+        for name in ("window_hz", "position_hz", "heartbeat_hz", "hold_after_s"):
+            value = getattr(self, name)
+            if not 0 < value < math.inf:
+                raise InputError(f"{name} = {value} is refused: allowed is a number above 0")
+        if not (self.return_after_s == 0 or self.hold_after_s <= self.return_after_s < math.inf):
+            allowed = f"0 or at least hold_after_s = {self.hold_after_s:g}"
+            raise InputError(f"return_after_s = {self.return_after_s} is refused: allowed is {allowed}")
+
+
+class SetPointRule:
+    """Which set-points a tracker obeys: the controller of the newest epoch heard of holds the lease, and of its
+    set-points only those sent after the last one obeyed count, if they have not been under way for too long.
+
+    So what is repeated, reordered, replayed or delivered after an outage moves nothing.
+    """
+
+    def __init__(self, tracker: int, oldest_s: float) -> None:
+        self._tracker = tracker
+        self._oldest_s = oldest_s
+        self._epoch = -1
+        self._newest_ns = -1
+        self._controller_clock = SenderClock()
+
+    def refusal(self, set_point: SetPoint, now_ns: int) -> str | None:
+        """Why it is not to be obeyed; None where it is, and then only later ones will be."""
+        if set_point.tracker != self._tracker:
+            return "for another tracker"
+        if set_point.epoch < self._epoch:
+            return "older epoch"
+        if set_point.epoch > self._epoch:
+            self._epoch, self._newest_ns, self._controller_clock = set_point.epoch, -1, SenderClock()
+        if set_point.time_ns <= self._newest_ns:
+            return "not newer than the last"
+        if now_ns - self.sent_ns(set_point, now_ns) >= self._oldest_s * 1e9:
+            return "too long under way"
+        self._newest_ns = set_point.time_ns
+        return None
+
+    def sent_ns(self, set_point: SetPoint, now_ns: int) -> int:
+        """When it was sent, on our clock."""
+        return self._controller_clock.local_ns(set_point.time_ns, now_ns)
+
+
+class TrackerAgent:
+    """One tracker. ``ignored`` counts, by reason, what it heard and did not obey and what it could not report.
+
+    While the vehicle is MANUAL nothing is obeyed, and what came before is forgotten: given back, the vehicle stays
+    where it is until the next set-point.
+
+    Raises:
+        InputError: a tracker or a sampling rate that cannot be.
+    """
+
+    def __init__(
+        self,
+        tracker: int,
+        source: RssiSource,
+        vehicle: Vehicle,
+        link: Link,
+        clock: Clock,
+        sampling_hz: float,
+        settings: AgentSettings | None = None,
+    ) -> None:
+        Heartbeat(tracker, 0, TrackerMode.HOLDING)  # refuses what is no tracker
+        self.ignored: Counter[str] = Counter()
+        self.source_failure: str | None = None
+        """Why the receiver is not asked any more."""
+        self._tracker = tracker
+        self._source = source
+        self._vehicle = vehicle
+        self._link = link
+        self._clock = clock
+        self._sampling_hz = sampling_hz
+        self._settings = settings or AgentSettings()
+        self._samples = SampleBuffer(sampling_hz)
+        self._rule = SetPointRule(tracker, self._settings.hold_after_s)
+        self._sent_ns: int | None = None
+        self._obeying = False
+        self._home_m: Metres | None = None
+        self._due_ns: dict[str, int] = {}
+
+    def step(self) -> None:
+        """Do what is due now; never blocks. To be called ten times a second or more often."""
+        now_ns = self._clock.now_ns()
+        for sample in self._sampled(now_ns):
+            self._samples.add(sample, now_ns)
+        for message in self._link.receive():
+            self._hear(message, now_ns)
+        self._miss_the_controller(now_ns)
+        self._vehicle.update(now_ns)
+        self._report(now_ns)
+
+    def close(self) -> None:
+        """Hold, and give back what the source, the vehicle and the link hold."""
+        self._vehicle.hold()
+        self._vehicle.update(self._clock.now_ns())
+        self._source.close()
+        self._vehicle.close()
+        self._link.close()
+
+    def _sampled(self, now_ns: int) -> list[Sample]:
+        """What the receiver has heard. A source that fails is asked no more; the vehicle is flown on: to the controller
+        it is a silent tracker, which goes where it is told with the others.
+        """
+        if self.source_failure is not None:
+            return []
+        try:
+            return self._source.read(now_ns)
+        except Exception as error:
+            self.source_failure = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            self.ignored["source failed"] += 1
+            return []
+
+    def _hear(self, message: Message, now_ns: int) -> None:
+        if not isinstance(message, SetPoint):
+            self.ignored["no set-point"] += 1
+            return
+        refusal = self._rule.refusal(message, now_ns)
+        if refusal is None and self._vehicle.mode == TrackerMode.MANUAL:
+            refusal = "manual"
+        if refusal is not None:
+            self.ignored[refusal] += 1
+            return
+        if self._home_m is None:
+            self._home_m = self._vehicle.position_m
+        self._sent_ns, self._obeying = self._rule.sent_ns(message, now_ns), True
+        self._vehicle.go_to(message.position_m)
+
+    def _miss_the_controller(self, now_ns: int) -> None:
+        """Hold, and later return, when it has fallen silent."""
+        if self._vehicle.mode == TrackerMode.MANUAL:
+            self._sent_ns, self._obeying = None, False
+        if self._sent_ns is None:
+            return
+        silent_s = (now_ns - self._sent_ns) / 1e9
+        if self._obeying and silent_s >= self._settings.hold_after_s:
+            self._obeying = False
+            self._vehicle.hold()
+        if 0 < self._settings.return_after_s <= silent_s and self._home_m is not None:
+            self._sent_ns = None
+            self._vehicle.go_to(self._home_m)
+
+    def _report(self, now_ns: int) -> None:
+        if self._is_due("window", self._settings.window_hz, now_ns):
+            window = self._samples.window(now_ns)
+            if window is not None:
+                time_ns, rssi_dbm = window
+                self._link.send(RssiWindow(self._tracker, time_ns, self._sampling_hz, rssi_dbm))
+        position_m = self._vehicle.position_m
+        if position_m is not None and self._is_due("position", self._settings.position_hz, now_ns):
+            try:
+                self._link.send(PositionReport(self._tracker, now_ns, position_m, self._vehicle.velocity_mps))
+            except InputError:
+                self.ignored["impossible position"] += 1
+        if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
+            self._link.send(Heartbeat(self._tracker, now_ns, self._mode()))
+
+    def _mode(self) -> TrackerMode:
+        """A vehicle that returns by itself follows nobody."""
+        mode = self._vehicle.mode
+        return TrackerMode.HOLDING if mode == TrackerMode.FOLLOWING and not self._obeying else mode
+
+    def _is_due(self, what: str, rate_hz: float, now_ns: int) -> bool:
+        """After a pause once, not as often as was missed."""
+        period_ns = round(1e9 / rate_hz)
+        due_ns = self._due_ns.get(what, now_ns)
+        if now_ns < due_ns:
+            return False
+        self._due_ns[what] = due_ns + period_ns if due_ns + period_ns > now_ns else now_ns + period_ns
+        return True

@@ -1,0 +1,138 @@
+"""Recorded levels, played at the pace at which they were recorded.
+
+A recording is rows of (seconds, dBm): ``csv_rows`` reads them from a table, ``json_rows`` from an object of records
+(the form of BirdsEye and GamutRF logs), ``pcap.pcap_rows`` from a capture of packets.
+"""
+
+import csv
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ....errors import InputError
+from .protocol import MOST_PER_READ, Sample
+
+Row = tuple[float, float]
+"""When, in seconds of any clock, and the RSSI in dBm, NaN where there is none."""
+
+
+class ReplaySource:
+    """The first row is due at the first ``read``, every other so long after it as it was recorded after it.
+
+    A row that was recorded before its predecessor is dropped and counted; gaps stay gaps.
+
+    Raises:
+        InputError: there is no row, or the recording cannot be read.
+    """
+
+    def __init__(self, rows: Iterator[Row]) -> None:
+        self.rejected: Counter[str] = Counter()
+        self._rows = rows
+        self._waiting = next(rows, None)
+        if self._waiting is None:
+            raise InputError("the recording holds no sample")
+        self._start: tuple[int, float] | None = None
+        self._last_s = -math.inf
+
+    def read(self, now_ns: int) -> list[Sample]:
+        """The samples that have fallen due."""
+        samples: list[Sample] = []
+        for _ in range(MOST_PER_READ):
+            row = self._waiting or next(self._rows, None)
+            self._waiting = None
+            if row is None:
+                break
+            time_s, rssi_dbm = row
+            if time_s < self._last_s:
+                self.rejected["goes back in time"] += 1
+                continue
+            self._start = self._start or (now_ns, time_s)
+            due_ns = self._start[0] + round((time_s - self._start[1]) * 1e9)
+            if due_ns > now_ns:
+                self._waiting = row
+                break
+            self._last_s = time_s
+            samples.append((due_ns, rssi_dbm))
+        return samples
+
+    def close(self) -> None:
+        """Play no more."""
+        self._rows, self._waiting = iter(()), None
+
+
+def csv_rows(
+    path: Path,
+    rssi_column: str = "rssi_dbm",
+    time_column: str | None = "time_s",
+    interval_s: float = 1.0,
+    to_dbm: Callable[[float], float] = float,
+) -> Iterator[Row]:
+    """The rows of a table with a header line.
+
+    Args:
+        path: the file.
+        rssi_column: the levels; what is no number there is a missing sample.
+        time_column: seconds; rows without a number there are skipped. None: the rows are ``interval_s`` apart.
+        interval_s: seconds between rows, where the table has no times.
+        to_dbm: what turns the numbers of ``rssi_column`` into dBm, e.g. ``sik_dbm``.
+
+    Raises:
+        InputError: the file cannot be read, or lacks a column.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8", errors="replace") as file:
+            table = csv.DictReader(file)
+            for column in [rssi_column] + ([time_column] if time_column else []):
+                if column not in (table.fieldnames or []):
+                    raise InputError(f"{path} has no column {column!r}: it has {', '.join(table.fieldnames or [])}")
+            for number, fields in enumerate(table):
+                time_s = _number(fields[time_column]) if time_column else number * interval_s
+                if math.isfinite(time_s):
+                    yield time_s, to_dbm(_number(fields[rssi_column]))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except csv.Error as error:
+        raise InputError(f"cannot read {path}: {error}") from error
+
+
+def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") -> Iterator[Row]:
+    """The rows of a JSON object, or a list, of records, in the order of their times in seconds.
+
+    Raises:
+        InputError: the file cannot be read, or is no such object.
+    """
+    try:
+        loaded = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON: {error}") from error
+    records = loaded.values() if isinstance(loaded, dict) else loaded if isinstance(loaded, list) else []
+    rows = [
+        (_number(record.get(time_field)), _number(record.get(rssi_field)))
+        for record in records
+        if isinstance(record, dict)
+    ]
+    found = sorted((row for row in rows if math.isfinite(row[0])), key=lambda row: row[0])
+    if not found:
+        raise InputError(f"{path} holds no record with {time_field!r}")
+    yield from found
+
+
+def sik_dbm(rssi: float) -> float:
+    """What a SiK telemetry radio's RSSI number means: rssi / 1.9 - 127 dBm (ArduPilot's documentation of the 3DR SiK
+    radio); 0 is what it reports while it hears nothing."""
+    return rssi / 1.9 - 127 if rssi > 0 else math.nan
+
+
+def _number(value: Any) -> float:
+    """NaN for what is none."""
+    if isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan

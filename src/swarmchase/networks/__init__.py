@@ -1,0 +1,1 @@
+"""The forms of network, one file each, and their weights files."""

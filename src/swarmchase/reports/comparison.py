@@ -1,0 +1,197 @@
+"""The figures of a comparison from its results: distributions, percentiles against F, and worlds side by side.
+
+Nothing here simulates. Every figure is written as PNG and as PDF.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, NullLocator
+
+from ..evaluation.paper_results import MOVEMENTS_P90
+from .chase import PAGE_WIDTH_INCHES, STYLE, save_figure
+from .paper import (
+    FORMATS,
+    MOST_SHOWN,
+    ORACLE_COLOR,
+    draw_cdf,
+    draw_with_bars,
+    mark_stated,
+    sampling_axis,
+    star_last,
+)
+
+CONTROLLER_STYLES = (
+    ("#000000", "o", "-"),
+    ("#0072B2", "s", "--"),
+    ("#D55E00", "^", "-."),
+    ("#00694E", "v", ":"),
+    ("#CC79A7", "D", (0, (5, 1))),
+    ("#E69F00", "P", (0, (3, 1, 1, 1))),
+    ("#56B4E9", "X", (0, (1, 1))),
+    ("#7B3294", "<", (0, (7, 2))),
+    ("#8C510A", ">", (0, (2, 2))),
+)
+"""Colour (Okabe and Ito, and two more), marker and line of the controllers in their order; they repeat after the
+last."""
+STATED_COLOR = "#7A7A7A"
+MOST_PANELS = 12
+PANELS_A_ROW = 4
+
+Row = dict[str, Any]
+Movements = Mapping[tuple[str, float, float, str], Sequence[int]]
+"""Movements of every chase by (controller, F, rho, world)."""
+
+
+def draw_comparison(folder: Path, movements: Movements, rows: Sequence[Row]) -> list[Path]:
+    """Draw what the results have: distributions, and percentiles against F or, in several worlds, means by world.
+
+    ``rows`` are the summaries of the same results. Returns the PNG files.
+    """
+    several_worlds = len({row["world"] for row in rows}) > 1
+    figures: dict[str, Callable[[], Figure]] = {
+        "movements": lambda: distribution_figure(movements),
+        **(
+            {"worlds": lambda: world_figure(rows)}
+            if several_worlds
+            else {"percentile": lambda: percentile_figure(rows)}
+        ),
+    }
+    for name, make in figures.items():
+        with mpl.rc_context(STYLE):
+            figure = make()
+            for suffix in FORMATS:
+                save_figure(figure, folder / f"{name}{suffix}", name)
+    return [folder / f"{name}.png" for name in figures]
+
+
+def distribution_figure(movements: Movements) -> Figure:
+    """Distribution of the number of movements, one panel a setting and world, the first ``MOST_PANELS`` of them."""
+    places = list(dict.fromkeys(key[1:] for key in movements))[:MOST_PANELS]
+    columns = min(PANELS_A_ROW, len(places))
+    lines = -(-len(places) // columns)
+    width = PAGE_WIDTH_INCHES if columns > 1 else 0.6 * PAGE_WIDTH_INCHES
+    figure = Figure(figsize=(width, 0.5 + 1.9 * lines), layout="constrained")
+    panels = figure.subplots(lines, columns, sharey=True, sharex=True, squeeze=False)
+    styles = _styles(key[0] for key in movements)
+    for axes, place in zip(panels.flat, places, strict=False):
+        for controller, (color, _, line) in styles.items():
+            if (controller, *place) in movements:
+                draw_cdf(axes, movements[controller, *place], color, line, controller)
+        stated = MOVEMENTS_P90.get(place[:2])
+        if stated is not None:
+            mark_stated(axes, stated, 0.9, STATED_COLOR)
+        axes.axhline(0.9, color="black", linewidth=0.4)
+        axes.set_title(_place_title(place))
+        axes.set(xscale="log", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xticks([15, 30, 60, 120], ["15", "30", "60", "120"])
+    for axes in panels.flat[len(places) :]:
+        axes.set_visible(False)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("share of chases")
+    for number, axes in enumerate(panels.flat[: len(places)]):
+        if number + columns >= len(places):
+            axes.set_xlabel("movements")
+            axes.tick_params(labelbottom=True)
+    _legend_below(figure, list(panels.flat[: len(places)]))
+    return figure
+
+
+def percentile_figure(rows: Sequence[Row]) -> Figure:
+    """90th percentile of movements against F, one panel a correlation, with 95 % intervals and the paper's points."""
+    correlations = sorted({row["spatial_correlation"] for row in rows})
+    width = PAGE_WIDTH_INCHES * (1.0 if len(correlations) > 1 else 0.6)
+    figure = Figure(figsize=(width, 3.0), layout="constrained")
+    panels = figure.subplots(1, len(correlations), sharey=True, squeeze=False)[0]
+    styles = _styles(row["controller"] for row in rows)
+    for axes, correlation in zip(panels, correlations, strict=True):
+        here = [row for row in rows if row["spatial_correlation"] == correlation]
+        for controller, (color, marker, line) in styles.items():
+            its = sorted((row for row in here if row["controller"] == controller), key=lambda row: row["sampling_hz"])
+            percentiles = [row["movements_p90"] for row in its]
+            intervals = [row["movements_p90_ci95"] for row in its]
+            draw_with_bars(axes, its, percentiles, intervals, color, marker, line, color, controller)
+        for (sampling_hz, stated_correlation), stated in MOVEMENTS_P90.items():
+            if stated_correlation == correlation:
+                mark_stated(axes, sampling_hz, stated, STATED_COLOR)
+        sampling_axis(axes)
+        axes.set(yscale="log", title=f"ρ = {correlation:g}")
+        axes.yaxis.set_minor_locator(NullLocator())
+        ticks = [20, 30, 40, 60, 80, 120, 160, 240]
+        axes.set_yticks(ticks, [f"{tick}" for tick in ticks])
+    panels[0].set_ylim(20, 1.2 * max([row["movements_p90"] for row in rows] + list(MOVEMENTS_P90.values())))
+    panels[0].set_ylabel("90th percentile of movements")
+    _legend_below(figure, list(panels))
+    return figure
+
+
+def world_figure(rows: Sequence[Row]) -> Figure:
+    """Mean movements with 95 % intervals in each world, one panel a setting; a failed chase counts as 501."""
+    settings = list(dict.fromkeys((row["sampling_hz"], row["spatial_correlation"]) for row in rows))
+    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES, 0.8 + 0.24 * len(worlds)), layout="constrained")
+    panels = figure.subplots(1, len(settings), sharey=True, squeeze=False)[0]
+    styles = _styles(row["controller"] for row in rows)
+    for axes, setting in zip(panels, settings, strict=True):
+        for number, (controller, (color, marker, _)) in enumerate(styles.items()):
+            its = [
+                row
+                for row in rows
+                if (row["sampling_hz"], row["spatial_correlation"], row["controller"]) == (*setting, controller)
+            ]
+            shift = 0.6 * ((number + 0.5) / len(styles) - 0.5)
+            height = [worlds.index(row["world"]) + shift for row in its]
+            mean = [row["movements_mean"] for row in its]
+            bounds = [row["movements_mean_ci95"] or (row["movements_mean"],) * 2 for row in its]
+            axes.errorbar(
+                mean,
+                height,
+                xerr=[
+                    [value - low for value, (low, _) in zip(mean, bounds, strict=True)],
+                    [high - value for value, (_, high) in zip(mean, bounds, strict=True)],
+                ],
+                color=color,
+                marker=marker,
+                markersize=3.5,
+                linestyle="none",
+                linewidth=0.8,
+                label=controller,
+            )
+        axes.set(xscale="log", xlabel="mean movements", title=f"told F = {setting[0]:g} Hz, ρ = {setting[1]:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xticks([20, 30, 50, 100, 200, 500], ["20", "30", "50", "100", "200", "500"])
+    panels[0].set_yticks(range(len(worlds)), worlds)
+    panels[0].set_ylim(len(worlds) - 0.5, -0.5)
+    _legend_below(figure, list(panels))
+    return figure
+
+
+def _styles(controllers: Any) -> dict[str, tuple[str, str, Any]]:
+    """Colour, marker and line of each controller; the oracle, which is no controller one could fly, is grey."""
+    names = list(dict.fromkeys(controllers))
+    flown = [name for name in names if name != "oracle"]
+    styles: dict[str, tuple[str, str, Any]] = {
+        name: CONTROLLER_STYLES[number % len(CONTROLLER_STYLES)] for number, name in enumerate(flown)
+    }
+    return styles | ({"oracle": (ORACLE_COLOR, "_", "-")} if "oracle" in names else {})
+
+
+def _place_title(place: tuple[float, float, str]) -> str:
+    sampling_hz, correlation, world = place
+    setting = f"F = {sampling_hz:g} Hz, ρ = {correlation:g}"
+    return setting if world == "as told" else f"{setting}\n{world}"
+
+
+def _legend_below(figure: Figure, panels: Sequence[Axes]) -> None:
+    """One legend for all panels: what any of them shows."""
+    shown: dict[str, Any] = {}
+    for axes in panels:
+        handles, labels = star_last(axes)
+        shown |= {label: handle for handle, label in zip(handles, labels, strict=True) if label not in shown}
+    columns = 5 if len(panels) > 1 else 3
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False)

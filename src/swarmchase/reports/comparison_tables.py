@@ -1,0 +1,67 @@
+"""The tables of a comparison, as Markdown, from its summaries."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from .paper_tables import shown_interval
+
+Row = dict[str, Any]
+
+
+def comparison_tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Every table by its name: movements, differences from the first controller, and decision times if measured."""
+    tables = {
+        "90th percentile of movements": _by_place(rows, _percentile),
+        "mean movements": _by_place(rows, _mean),
+        "reached": _by_place(rows, lambda row: f"{100 * row['success_rate']:.2f} %"),
+    }
+    first = rows[0]["controller"]
+    others = [row for row in rows if row["controller"] != first]
+    if others:
+        tables[f"difference of the 90th percentile from {first}"] = _by_place(others, _percentile_difference)
+        tables[f"difference of the mean from {first}"] = _by_place(others, _mean_difference)
+    timed = [row for row in rows if row["decision_ms_p99"] is not None and row["world"] == rows[0]["world"]]
+    if timed:
+        tables["milliseconds a decision: median, 99th percentile"] = _by_place(timed, _decision)
+    return tables
+
+
+def _by_place(rows: Sequence[Row], shown: Callable[[Row], str]) -> str:
+    """One line a setting or world, one column a controller."""
+    controllers = list(dict.fromkeys(row["controller"] for row in rows))
+    settings = list(dict.fromkeys(_setting(row) for row in rows))
+    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    head = ["rho", "F (Hz)", *(["world"] if len(worlds) > 1 else []), *(f"`{name}`" for name in controllers)]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for setting in settings:
+        for world in worlds:
+            here = {row["controller"]: row for row in rows if (_setting(row), row["world"]) == (setting, world)}
+            if here:
+                cells = [shown(here[name]) if name in here else "-" for name in controllers]
+                place = [f"{setting[1]:g}", f"{setting[0]:g}", *([world] if len(worlds) > 1 else [])]
+                lines.append(f"| {' | '.join([*place, *cells])} |")
+    return "\n".join(lines)
+
+
+def _setting(row: Row) -> tuple[float, float]:
+    return row["sampling_hz"], row["spatial_correlation"]
+
+
+def _percentile(row: Row) -> str:
+    return f"{row['movements_p90']:g}" + shown_interval(row["movements_p90_ci95"], 0)
+
+
+def _mean(row: Row) -> str:
+    return f"{row['movements_mean']:.2f}" + shown_interval(row["movements_mean_ci95"], 2)
+
+
+def _percentile_difference(row: Row) -> str:
+    return f"{row['movements_p90_difference']:+g}" + shown_interval(row["movements_p90_difference_ci95"], 0)
+
+
+def _mean_difference(row: Row) -> str:
+    return f"{row['movements_mean_difference']:+.2f}" + shown_interval(row["movements_mean_difference_ci95"], 2)
+
+
+def _decision(row: Row) -> str:
+    return f"{row['decision_ms_p50']:.1f}, {row['decision_ms_p99']:.1f}"

@@ -1,0 +1,283 @@
+"""Figs. 3 to 7 of the paper from the tables of ``reproduction``, with what the paper states marked by a star.
+
+Nothing here simulates. Every figure is written as PNG and as PDF.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, NullLocator
+
+from ..evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
+from .chase import (
+    PAGE_WIDTH_INCHES,
+    STYLE,
+    TRACKER_COLORS,
+    TRACKER_MARKERS,
+    TRACKER_NAMES,
+    draw_rewards,
+    save_figure,
+)
+
+SAMPLING_STYLE = dict(
+    zip(SAMPLING_HZ, (("#000000", "-"), ("#0072B2", "--"), ("#D55E00", "-."), ("#00694E", ":")), strict=True)
+)
+CORRELATION_STYLE = dict(zip(SPATIAL_CORRELATION, (("#0072B2", "s"), ("#D55E00", "^"), ("#000000", "o")), strict=True))
+ORACLE_COLOR = "#808080"
+CONFIDENCE = 0.95
+STATED = "stated in the paper"
+STATED_TIME = "stated in the paper (its speed is inferred)"
+MOST_SHOWN = 220
+FORMATS = (".png", ".pdf")
+
+Movements = Mapping[tuple[str, float, float], Sequence[int]]
+"""Movements of every chase by (controller, F, rho)."""
+
+
+def draw_all(
+    folder: Path,
+    fading: Sequence[dict[str, Any]],
+    training_chases: Sequence[dict[str, Any]],
+    movements: Movements,
+    summaries: Sequence[dict[str, Any]],
+) -> list[Path]:
+    """Draw the five figures into ``folder`` and return their PNG files.
+
+    ``summaries`` are of the same evaluations as ``movements``.
+    """
+    figures: dict[str, Callable[[], Figure]] = {
+        "fig3-fading": lambda: fading_figure(fading),
+        "fig4-training-reward": lambda: reward_figure(training_chases),
+        "fig5-movements": lambda: movement_figure(movements),
+        "fig6-percentile": lambda: percentile_figure(summaries),
+        "fig7-tracking-time": lambda: tracking_time_figure(summaries),
+    }
+    for name, make in figures.items():
+        with mpl.rc_context(STYLE):
+            figure = make()
+            for suffix in FORMATS:
+                save_figure(figure, folder / f"{name}{suffix}", name)
+    return [folder / f"{name}.png" for name in figures]
+
+
+def fading_figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Fig. 3: fading of the six trackers through one window, by setting."""
+    settings = list(dict.fromkeys((row["sampling_hz"], row["spatial_correlation"]) for row in rows))
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.4), layout="constrained")
+    panels = figure.subplots(1, len(settings), sharey=True, squeeze=False)[0]
+    for axes, setting in zip(panels, settings, strict=True):
+        for tracker, color in enumerate(TRACKER_COLORS):
+            trace = [
+                row
+                for row in rows
+                if (row["sampling_hz"], row["spatial_correlation"]) == setting and row["tracker"] == tracker
+            ]
+            axes.plot(
+                [row["time_s"] for row in trace],
+                [row["fading_db"] for row in trace],
+                color=color,
+                linewidth=0.9,
+                marker=TRACKER_MARKERS[tracker],
+                markersize=2.5,
+                markerfacecolor=color if tracker % 2 == 0 else "white",
+                markeredgewidth=0.6,
+                markevery=3,
+                label=TRACKER_NAMES[tracker],
+            )
+        axes.set(xlabel="time (s)", title=f"F = {setting[0]:g} Hz, ρ = {setting[1]:g}")
+    panels[0].set_ylabel("fading (dB)")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def reward_figure(chases: Sequence[dict[str, Any]]) -> Figure:
+    """Fig. 4: reward of the four networks while they are trained by A3C."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES / 2, 2.4), layout="constrained")
+    draw_rewards(figure.subplots(), chases)
+    return figure
+
+
+def movement_figure(movements: Movements) -> Figure:
+    """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz).
+
+    Chases beyond the last movement shown, failed ones among them, are what a curve lacks of 1 there.
+    """
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
+    panels = figure.subplots(1, len(SPATIAL_CORRELATION), sharey=True)
+    [oracle] = [values for (controller, _, _), values in movements.items() if controller == "oracle"]
+    for axes, correlation in zip(panels, SPATIAL_CORRELATION, strict=True):
+        draw_cdf(axes, oracle, ORACLE_COLOR, "-", "oracle")
+        for sampling_hz, (color, line) in SAMPLING_STYLE.items():
+            values = movements["paper", sampling_hz, correlation]
+            draw_cdf(axes, values, color, line, f"F = {sampling_hz:g} Hz")
+            stated = MOVEMENTS_P90.get((sampling_hz, correlation))
+            if stated is not None:
+                mark_stated(axes, stated, 0.9, color)
+        axes.axhline(0.9, color="black", linewidth=0.4)
+        axes.set(xscale="log", xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xticks([15, 20, 30, 50, 100, 200], ["15", "20", "30", "50", "100", "200"])
+    panels[0].set_ylabel("share of chases")
+    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def percentile_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
+    """Fig. 6: 90th percentile of movements against F, with 95 % intervals."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES / 2, 3.0), layout="constrained")
+    axes = figure.subplots()
+    for correlation, (color, marker) in CORRELATION_STYLE.items():
+        for controller, line, face in (("paper", "-", color), ("paper-a3c", ":", "white")):
+            rows = _rows(summaries, controller, correlation)
+            draw_with_bars(
+                axes,
+                rows,
+                [row["movements_p90"] for row in rows],
+                [row["movements_p90_ci95"] for row in rows],
+                color,
+                marker,
+                line,
+                face,
+                f"ρ = {correlation:g}" + ("" if controller == "paper" else ", A3C"),
+            )
+    for (sampling_hz, correlation), stated in MOVEMENTS_P90.items():
+        mark_stated(axes, sampling_hz, stated, CORRELATION_STYLE[correlation][0])
+    [oracle] = [row for row in summaries if row["controller"] == "oracle"]
+    axes.axhline(oracle["movements_p90"], color=ORACLE_COLOR, linewidth=1.2, label="oracle")
+    sampling_axis(axes)
+    axes.set(yscale="log", ylabel="90th percentile of movements")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_yticks([20, 30, 40, 60, 80, 120, 160], ["20", "30", "40", "60", "80", "120", "160"])
+    axes.legend(*star_last(axes), frameon=False, ncols=2, loc="upper left")
+    return figure
+
+
+def tracking_time_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
+    """Fig. 7: mean total tracking time against F for two speeds, with 95 % intervals."""
+    speeds = list(summaries[0]["tracking_time_mean_s"])
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
+    panels = figure.subplots(1, len(speeds), sharey=True)
+    for axes, speed in zip(panels, speeds, strict=True):
+        for correlation, (color, marker) in CORRELATION_STYLE.items():
+            rows = _rows(summaries, "paper", correlation)
+            draw_with_bars(
+                axes,
+                rows,
+                [row["tracking_time_mean_s"][speed] for row in rows],
+                [row["tracking_time_mean_s_ci95"][speed] for row in rows],
+                color,
+                marker,
+                "-",
+                color,
+                f"ρ = {correlation:g}",
+            )
+            if speed == "5":
+                for (sampling_hz, stated_correlation), stated in TRACKING_TIME_S.items():
+                    if stated_correlation == correlation:
+                        mark_stated(axes, sampling_hz, stated, color, STATED_TIME)
+        _draw_oracle_time(axes, summaries, float(speed))
+        sampling_axis(axes)
+        axes.set(title=f"v = {speed} m/s", ylim=(0, None))
+    panels[0].set_ylabel("mean total tracking time (s)")
+    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=5, frameon=False)
+    return figure
+
+
+def _draw_oracle_time(axes: Axes, summaries: Sequence[dict[str, Any]], speed_mps: float) -> None:
+    """tau(M, F) of the oracle's mean M: it hears nothing, so F changes its listening time alone."""
+    [oracle] = [row for row in summaries if row["controller"] == "oracle"]
+    listening_s = oracle["movements_mean"] * oracle["window_s"]
+    flying_s = oracle["tracking_time_mean_s"][f"{speed_mps:g}"] - listening_s
+    times_s = [flying_s + listening_s * oracle["sampling_hz"] / sampling_hz for sampling_hz in SAMPLING_HZ]
+    axes.plot(SAMPLING_HZ, times_s, color=ORACLE_COLOR, linewidth=1.2, label="oracle")
+
+
+def draw_cdf(axes: Axes, values: Sequence[int], color: str, line: str, label: str) -> None:
+    """Share of the chases that needed at most so many movements, with its 95 % band."""
+    ordered = np.sort(np.asarray(values))
+    share = np.arange(1, len(ordered) + 1) / len(ordered)
+    band = math.sqrt(math.log(2 / (1 - CONFIDENCE)) / (2 * len(ordered)))
+    axes.step(ordered, share, where="post", color=color, linestyle=line, linewidth=1, label=label)
+    axes.fill_between(
+        ordered,
+        np.clip(share - band, 0, 1),
+        np.clip(share + band, 0, 1),
+        step="post",
+        color=color,
+        alpha=0.15,
+        linewidth=0,
+    )
+
+
+def _rows(summaries: Sequence[dict[str, Any]], controller: str, correlation: float) -> list[dict[str, Any]]:
+    rows = [row for row in summaries if (row["controller"], row["spatial_correlation"]) == (controller, correlation)]
+    return sorted(rows, key=lambda row: float(row["sampling_hz"]))
+
+
+def draw_with_bars(
+    axes: Axes,
+    rows: Sequence[dict[str, Any]],
+    values: Sequence[float],
+    intervals: Sequence[Sequence[float] | None],
+    color: str,
+    marker: str,
+    line: str,
+    face: str,
+    label: str,
+) -> None:
+    """One value for each row against its F, with its interval."""
+    if not rows:
+        return
+    bounds = [interval or (value, value) for value, interval in zip(values, intervals, strict=True)]
+    below = [value - low for value, (low, _) in zip(values, bounds, strict=True)]
+    above = [high - value for value, (_, high) in zip(values, bounds, strict=True)]
+    axes.errorbar(
+        [row["sampling_hz"] for row in rows],
+        values,
+        [below, above],
+        color=color,
+        marker=marker,
+        markersize=4,
+        markerfacecolor=face,
+        linestyle=line,
+        linewidth=1,
+        capsize=2,
+        label=label,
+    )
+
+
+def sampling_axis(axes: Axes) -> None:
+    """F on a logarithmic axis with the paper's four values."""
+    axes.set(xscale="log", xlabel="sampling frequency F (Hz)")
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xticks(SAMPLING_HZ, [f"{sampling_hz:g}" for sampling_hz in SAMPLING_HZ])
+
+
+def star_last(axes: Axes) -> tuple[list[Any], list[Any]]:
+    """Handles and labels of a legend."""
+    handles, labels = axes.get_legend_handles_labels()
+    order = sorted(range(len(labels)), key=lambda number: labels[number].startswith(STATED))
+    return [handles[number] for number in order], [labels[number] for number in order]
+
+
+def mark_stated(axes: Axes, x: float | int, y: float | int, color: str, label: str = STATED) -> None:
+    """A star where the paper states a value; named once in the legend."""
+    named = any(line.get_label() == label for line in axes.get_lines())
+    axes.plot(
+        [x],
+        [y],
+        marker="*",
+        markersize=9,
+        color=color,
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+        linestyle="none",
+        label=None if named else label,
+        zorder=5,
+    )

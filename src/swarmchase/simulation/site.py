@@ -1,0 +1,92 @@
+"""The site: six vehicles, each with a receiver, and the radio between them and the target, from moment to moment."""
+
+import math
+import statistics
+from random import Random
+
+import torch
+
+from ..formation import TRACKER_DIRECTION
+from ..live.link.messages import Metres
+from ..live.tracker.sources import Sample
+from ..live.tracker.vehicles import SimulatedVehicle, VehicleLimits
+from ..scenario import NUM_TRACKERS, Scenario
+from .fault_plan import FaultPlan
+from .radio import Radio
+from .receivers_gone_wrong import FailingReceiver
+
+MOST_SAMPLES_MADE_UP = 100
+"""A world that stood still for longer leaves samples out."""
+
+
+class World:
+    """Chase ``chase`` of run ``seed``. The swarm hovers around the origin, with the scenario's initial spacing, and
+    hears nothing before ``begin``.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        chase: int,
+        plan: FaultPlan | None = None,
+        limits: VehicleLimits | None = None,
+    ) -> None:
+        self.radio = Radio(scenario, seed, chase)
+        places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
+        self.vehicles = [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
+        """They fly where they are told, through ``advance``."""
+        self._plan = plan or FaultPlan()
+        self._start_ns: int | None = None
+        self._period_ns = 1e9 / scenario.sampling_hz
+        self._taken = 0
+        self._spacing_m = scenario.initial_spacing_m
+        self._receivers = [FailingReceiver(Random(f"{seed} {chase} {tracker}")) for tracker in range(NUM_TRACKERS)]
+
+    def begin(self, now_ns: int) -> None:
+        """The target begins to transmit, and the faults' clock to run."""
+        self._start_ns = now_ns
+
+    def advance(self, now_ns: int) -> list[list[Sample]]:
+        """Let everything happen until now: what each receiver reports meanwhile."""
+        reported: list[list[Sample]] = [[] for _ in range(NUM_TRACKERS)]
+        if self._start_ns is not None:
+            due = int((now_ns - self._start_ns) / self._period_ns)
+            self._taken = max(self._taken, due - MOST_SAMPLES_MADE_UP)
+            while self._taken < due:
+                self._taken += 1
+                self._sample(self._start_ns, round(self._taken * self._period_ns), reported)
+        self._fly(now_ns)
+        return reported
+
+    def _sample(self, start_ns: int, after_ns: int, reported: list[list[Sample]]) -> None:
+        """So long after the start."""
+        time_ns = start_ns + after_ns
+        self._fly(time_ns)
+        heard_dbm = self.radio.heard_dbm(time_ns, torch.tensor(self.positions_m(), dtype=torch.float64))
+        for tracker, level_dbm in enumerate(heard_dbm):
+            fault = self._plan.of_receiver(tracker, after_ns / 1e9)
+            reported[tracker] += self._receivers[tracker].reported((time_ns, level_dbm), fault)
+
+    def positions_m(self) -> list[Metres]:
+        """Where the vehicles are."""
+        return [vehicle.position_m for vehicle in self.vehicles]
+
+    def announce(self, since_ns: int, center_m: Metres, spacing_m: float) -> None:
+        """The controller's next window is of what is sampled from this moment on, in this formation."""
+        self._spacing_m = spacing_m
+        self.radio.announce(since_ns, center_m)
+
+    def distance_to_target_m(self) -> float:
+        """From where most vehicles' places in the last announced formation say that its centre is: one that has been
+        left behind, or two, do not count.
+        """
+        center_m = [
+            statistics.median(at_m - self._spacing_m * direction for at_m, direction in zip(*axis, strict=True))
+            for axis in zip(zip(*self.positions_m(), strict=True), TRACKER_DIRECTION.T.tolist(), strict=True)
+        ]
+        return math.dist(center_m, self.radio.target_m)
+
+    def _fly(self, until_ns: int) -> None:
+        for vehicle in self.vehicles:
+            vehicle.update(until_ns)

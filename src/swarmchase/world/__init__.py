@@ -1,0 +1,1 @@
+"""The truth that a simulator knows: target, flight, receivers, environment. No controller and nothing live knows it."""

@@ -1,0 +1,247 @@
+"""``swarmchase live`` as people start it: a simulated site in real processes, in real time."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+pytest.importorskip("mcap", reason="the live system needs: pip install 'swarmchase[live]'")
+
+from swarmchase import load_controller
+from swarmchase.batch.streams import chase_keys
+from swarmchase.cli import main
+from swarmchase.live.log.recording import Recording, read_recording
+from swarmchase.live.log.verification import verify
+from swarmchase.world.environment import Environment
+
+PATIENCE_S = 240.0
+"""Nothing here takes a tenth of it, unless the machine is very busy with something else."""
+NEAR = "sampling_hz = 100\nspatial_correlation = 0.5\nstart_distance_m = 12\n"
+
+
+class Live:
+    """``swarmchase live --headless`` in a folder of its own."""
+
+    def __init__(self, folder: Path, *words: str, scenario: str = NEAR) -> None:
+        self.folder = folder
+        (folder / "scenario.toml").write_text(scenario)
+        options = ["--headless", "--scenario-file", "scenario.toml", "--log", "chase.mcap", "--json"]
+        self._told = open(folder / "told.txt", "wb")  # noqa: SIM115
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "swarmchase", "live", *options, *words],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._told,
+            text=True,
+        )
+
+    @property
+    def told(self) -> str:
+        return (self.folder / "told.txt").read_text()
+
+    def wait_for(self, line: str) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while line not in self.told:
+            assert time.monotonic() < deadline_s, self.told
+            assert self.popen.poll() is None, self.told
+            time.sleep(0.05)
+
+    def end(self) -> tuple[int, str]:
+        """Exit code and standard output."""
+        output, _ = self.popen.communicate(timeout=PATIENCE_S)
+        return self.popen.returncode, output
+
+    def summary(self) -> dict[str, Any]:
+        code, output = self.end()
+        assert (code, output.count("\n")) == (0, 1), self.told
+        summary: dict[str, Any] = json.loads(output)
+        return summary
+
+    def recording(self) -> Recording:
+        return read_recording(self.folder / "chase.mcap")
+
+    def children(self) -> list[int]:
+        """The stage, and the trackers below it."""
+        found: list[int] = []
+        waiting = [self.popen.pid]
+        while waiting:
+            below = _children(waiting.pop())
+            found += below
+            waiting += below
+        return found
+
+    def close(self) -> None:
+        for process in [self.popen.pid, *self.children()]:
+            if _is_running(process):
+                os.kill(process, signal.SIGKILL)
+        self.popen.communicate()
+        self._told.close()
+
+
+def _children(process: int) -> list[int]:
+    lists = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(number) for one in lists for number in one.read_text().split()]
+
+
+def _is_running(process: int) -> bool:
+    """A zombie that nobody has waited for is not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.fixture
+def lives() -> Iterator[list[Live]]:
+    started: list[Live] = []
+    yield started
+    for live in started:
+        live.close()
+
+
+def test_without_faults_it_is_the_evaluated_chase(tmp_path: Path, lives: list[Live]) -> None:
+    """Movement by movement: windows, places, actions. And asked again, the controller says the same, bit for bit."""
+    live = Live(tmp_path, "--seed", "5", "--chase", "2", "--controller", "particle")
+    lives.append(live)
+    summary = live.summary()
+    assert summary.keys() >= {"state", "reached", "movements", "seconds", "decision_latency_p99_ms", "rejected"}
+    assert (summary["state"], summary["reached"]) == ("reached", True), live.told
+    assert summary["distance_m"] <= 2
+    recording = live.recording()
+    assert recording.movements == summary["movements"] == len(recording.decisions) > 0
+    assert not recording.is_cut
+    scenario = recording.head.scenario
+    environment, controller = Environment(scenario), load_controller("particle", scenario)
+    state, memory = environment.reset(chase_keys(5, 1, 2)), controller.begin(1, 5, 2)
+    near = []
+    for decision in recording.decisions:
+        observation = state.observation()
+        action, memory = controller.decide(observation, memory)
+        assert decision.rssi_dbm == pytest.approx(observation.rssi_dbm[0].double().numpy(), abs=2e-3)
+        assert decision.tracker_position_m == pytest.approx(observation.tracker_position_m[0].numpy(), abs=1e-3)
+        assert (decision.spacing_m, *decision.displacement_m) == (
+            action.spacing_m.item(),
+            *action.displacement_m[0].tolist(),
+        )
+        state, outcome = environment.step(state, action)
+        near.append(bool(outcome.reached))
+    assert summary["movements_to_target"] == near.index(True) + 1
+    assert verify(recording).is_same
+    targets = {tuple(frame["target_m"] or ()) for frame in recording.frames()}
+    assert targets == {tuple(np.round(state.target_position_m[0].numpy(), 3))}
+
+
+def test_through_faults_of_every_kind_it_arrives(tmp_path: Path, lives: list[Live]) -> None:
+    """Processes are stopped and killed for real, and the link loses, repeats and forges real datagrams."""
+    faults = "loss=0.1,delay=0.02,jitter=0.01,duplicate=0.05,replay=0.05,forge=200"
+    faults += ",silent=0@2-8,garbage=1@2,restart=3@4,frozen=4@6-8,slow=2@0-10,kill=5@9"
+    live = Live(tmp_path, "--seed", "1", "--faults", faults, scenario=NEAR.replace("12", "30"))
+    lives.append(live)
+    live.wait_for("tracker 3 is lost")
+    summary = live.summary()
+    assert (summary["state"], summary["reached"]) == ("reached", True), live.told
+    assert {"replayed", "wrong key", "unsigned", "giant", "truncated"} <= summary["rejected"].keys()
+    told = live.told
+    assert "tracker 0 is silent" in told
+    assert told.index("tracker 3 is lost") < told.rindex("tracker 3 is there")
+    assert "tracker 4 is lost" in told
+    assert told.rindex("tracker 5 is lost") > told.rfind("tracker 5 is there")
+    recording = live.recording()
+    assert verify(recording).is_same
+    # What a broken receiver says never counts.
+    levels_dbm = np.concatenate([decision.rssi_dbm[:, 1] for decision in recording.decisions])
+    assert not (levels_dbm > 50).any()
+    fence_m = recording.head.limits
+    for frame in recording.frames():
+        for tracker in frame["trackers"]:
+            if tracker["set_point_m"] is not None:
+                assert (fence_m.low_m <= tracker["set_point_m"]).all()
+                assert (tracker["set_point_m"] <= fence_m.high_m).all()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc here to find processes in")
+def test_ctrl_c_ends_every_process_and_keeps_the_log(tmp_path: Path, lives: list[Live]) -> None:
+    live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
+    lives.append(live)
+    live.wait_for("-> moving: movement 1")
+    children = live.children()
+    assert len(children) >= 7
+    live.popen.send_signal(signal.SIGINT)
+    summary = live.summary()
+    assert (summary["state"], summary["reached"]) == ("aborted", False)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while any(map(_is_running, children)):  # Python's own helper of processes ends a moment after its user
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+    assert live.recording().state.value == "aborted"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc here to find processes in")
+def test_a_site_that_dies_is_a_clear_line(tmp_path: Path, lives: list[Live]) -> None:
+    live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
+    lives.append(live)
+    live.wait_for("-> moving: movement 1")
+    stage = next(child for child in _children(live.popen.pid) if len(_children(child)) == 6)
+    trackers = _children(stage)
+    os.kill(stage, signal.SIGKILL)
+    code, output = live.end()
+    assert (code, output) == (1, "")
+    assert live.told.rstrip().endswith("swarmchase: the simulated site has died with exit code -9 (a negative one is "
+                                       "the signal that killed it)")  # fmt: skip
+    assert live.recording().movements == 1
+    for tracker in trackers:  # orphans, which the command cannot know
+        os.kill(tracker, signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("--faults rain=1", "fault 'rain=1' is refused: there are loss=SHARE"),
+        ("--faults loss=2", "fault 'loss=2' is refused: loss = 2.0 is refused: allowed is 0 to 1"),
+        ("--faults kill=6@3", "fault 'kill=6@3' is refused"),
+        ("--controller oracle", "the oracle knows where a simulated target is"),
+        ("--controller nobody", "no controller 'nobody'"),
+        ("--seed -1", "seed = -1, chase = 0 is refused"),
+        ("--minimum-trackers 9", "minimum_trackers = 9 is refused"),
+        ("--reached-windows -1", "reached_windows = -1 is refused"),
+        ("--log there.mcap", "cannot write the log there.mcap: it exists already"),
+        ("--log there.mcap/chase.mcap", "cannot write to folder there.mcap: File exists"),
+        ("--page 127.0.0.1:TAKEN", "cannot serve a page on 127.0.0.1:"),
+        ("--page nonsense", "'nonsense' is refused: allowed is HOST:PORT"),
+    ],
+)
+def test_bad_input_is_one_line(
+    words: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.mcap").touch()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        options = [
+            "live",
+            "--controller",
+            "gradient",
+            "--page",
+            "127.0.0.1:0",
+            *words.replace("TAKEN", str(taken.getsockname()[1])).split(),
+        ]
+        with pytest.raises(SystemExit) as end:
+            main(options)
+    captured = capsys.readouterr()
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["there.mcap"]
+    told = [one for one in captured.err.splitlines() if one.startswith("swarmchase: ")]
+    assert (end.value.code, captured.out) == (2, "")
+    assert len(told) == 1
+    assert told[0].removeprefix("swarmchase: ").startswith(line)

@@ -1,0 +1,40 @@
+"""A live chase that goes on and on holds no more than it did. ``swarmchase benchmark soak`` watches it for an hour."""
+
+import gc
+import sys
+
+import pytest
+
+pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+
+from swarmchase import load_controller, paper_scenario
+from swarmchase.live.chronicle import Chronicle
+from swarmchase.live.service.service import ServiceSettings
+from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
+
+WARM_UP_S, SOAK_S = 60.0, 200.0
+MOST_GROWTH_BLOCKS = 2000
+"""Of Python's memory. Ten messages a second of six trackers, kept by mistake, would be 8,400 and more."""
+
+
+def test_what_a_chase_holds_does_not_grow() -> None:
+    scenario = paper_scenario(sampling_hz=10, spatial_correlation=0.9, start_distance_m=20.0)
+    controller = load_controller("gradient", scenario)
+    settings = ServiceSettings(reached_windows=0)  # nobody ever says that it is reached
+    plan = fault_plan("loss=0.1,duplicate=0.1,replay=0.1,forge=20")
+    chase = VirtualChase(scenario, controller, 0, 0, plan, settings)
+    chronicle = Chronicle(chase.link, START_NS, [lambda _frame: None], list)
+    chase._watch = lambda snapshot: chronicle(snapshot, None)
+
+    def held_after(seconds: float) -> int:
+        while chase.clock.now_ns() < START_NS + seconds * 1e9:
+            chase.tick()
+        gc.collect()
+        return sys.getallocatedblocks()
+
+    before = held_after(WARM_UP_S)
+    movements = chase.service.snapshot().movements
+    growth = held_after(SOAK_S) - before
+    assert chase.service.snapshot().movements > movements + 10
+    assert growth < MOST_GROWTH_BLOCKS
