@@ -1,7 +1,7 @@
 """``particle``: a particle filter over the target's position that keeps its belief from movement to movement.
 
 It is told the scenario: path loss, fading, correlation and the distance at the start. A window enters by its six mean
-powers, whose joint law under the scenario's fading is ``fading_law.FadingLaw``, the correlation between trackers
+powers, whose joint law under the scenario's fading is ``channel.fading_law.FadingLaw``, the correlation between trackers
 included. Resampling is systematic, followed by a Gaussian kernel in proportion to the belief's own covariance
 (regularised particle filter: Musso, Oudjane and Le Gland 2001), so that the particles never collapse to copies of one.
 On each axis it takes the displacement that leaves the least expected distance.
@@ -12,7 +12,7 @@ and in a window without any sample it holds still. When several windows in a row
 should be, it begins anew around the swarm.
 
 ``recurrent`` is this filter with a learned likelihood: a window enters by its mean powers less the fading that a
-network expects from the shape of the samples (``fading_network``), whose joint law is narrower.
+network expects from the shape of the samples (``networks.fading``), whose joint law is narrower.
 
 ``particle-unknown-power`` also estimates the transmit power, which it knows to within ``POWER_SPREAD_DB``.
 """

@@ -1,7 +1,7 @@
 """Controllers beside one another on the same chases: who needs fewer movements, and by how much.
 
 Every controller of a comparison chases the same targets through the same fading, so that differences are taken chase by
-chase. A world may differ from what the controllers are told (``robustness``).
+chase. A world may differ from what the controllers are told (``world.departures``).
 """
 
 import json

@@ -17,8 +17,8 @@ Schedule = Literal[A3CSchedule, "cluster", "batched"]
 
 
 NetworkForm = Literal["paper", "gated", "fading"]
-"""The paper's four networks, one with memory (``gated_network``), or one for a filter's likelihood
-(``fading_network``)."""
+"""The paper's four networks, one with memory (``networks.gated``), or one for a filter's likelihood
+(``networks.fading``)."""
 
 MOST_UPDATES = 2**24
 """Adam counts its updates in float32, which is exact up to here."""
@@ -57,7 +57,7 @@ class TrainingSettings:
     varied_start: bool = False
     """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
     varied_world: bool = False
-    """Each agent plays in a world of its own that departs from the scenario the networks are told (``robustness``)."""
+    """Each agent plays in a world of its own that departs from the scenario the networks are told (``world.departures``)."""
     spacing_exploration: float | None = None
     """The spacing is the most likely one but for this share of movements, when it is any one; None samples it."""
     initial_weights: str | None = None
