@@ -3,7 +3,6 @@
 import dataclasses
 import importlib
 import json
-import pkgutil
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -133,16 +132,6 @@ def test_every_ambiguity_names_its_setting() -> None:
     for where, paper, choice, setting, effect in ambiguities:
         assert all((where, paper, choice, effect))
         assert "`" in setting, f"{where}: name where the choice is made"
-
-
-def test_every_module_stands_on_the_data_s_way() -> None:
-    listed = [row[0].strip("`") for row in rows("The data's way through the code")]
-    package = Path(swarmchase.__file__).parent
-    assert all((package / name).exists() for name in listed)
-    there = {
-        f"{module.name}/" if module.ispkg else f"{module.name}.py" for module in pkgutil.iter_modules([str(package)])
-    }
-    assert sorted(listed) == sorted({*there, "weights/"})
 
 
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "src/swarmchase/weights/README.md"]

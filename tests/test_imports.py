@@ -1,6 +1,8 @@
 """Imports go one way, along the data's way; read from the source, so that imports inside functions count, too."""
 
 import ast
+import functools
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,60 +13,18 @@ import swarmchase
 
 PACKAGE = Path(swarmchase.__file__).parent
 
-ROOMS = [
-    # A module imports of its own room and of the rooms before it, never of one behind it.
-    {
-        "swarmchase",
-        "errors",
-        "files",
-        "memory",
-        "array_types",
-        "scenario",
-        "streams",
-        "batching",
-        "tensor_files",
-        "robustness",
-    },
-    {"target", "channel", "receivers", "fading_law", "formation", "observation"},
-    {"environment"},
-    {"networks"},
-    {"gated_network", "fading_network"},
-    {"controllers"},
-    {"live"},
-    {"simulation"},
-    {"chases"},
-    {"training"},
-    {"evaluation"},
-    {"chase_log"},
-    {"paper_results"},
-    {"blocks"},
-    {"cluster"},
-    {"reproduction", "comparison"},
-    {"results_report", "comparison_report"},
-    {"figures"},
-    {"paper_figures"},
-    {"comparison_figures"},
-    {"cluster_figures"},
-    {"gym", "gym_registration"},
-    {"benchmarks"},
-    {"commands"},
-    {"cli"},
-    {"__main__"},
-]
-
 FORBIDDEN = [
-    # Earlier on the way, and yet not to be known.
-    ("controllers", {"environment", "target", "channel", "receivers"}),  # what flies must not depend on the simulator
-    ("gated_network", {"environment", "target", "channel", "formation", "receivers"}),
-    ("fading_network", {"environment", "target", "channel", "formation", "receivers"}),
-    ("networks", {"environment", "target", "channel", "formation"}),
-    ("paper_figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "reproduction"}),
-    ("figures", {"environment", "controllers", "networks", "chases", "training", "evaluation", "chase_log"}),
-    ("live", {"environment", "target", "channel", "receivers", "fading_law"}),
-    ("gym", {"networks", "controllers", "training", "evaluation"}),
+    # Rooms, and what must not be known there, not even through others.
+    ("networks", {"world", "simulation"}, set()),  # what flies must not depend on the simulator
+    ("controllers", {"world", "simulation"}, set()),
+    ("live", {"world", "simulation"}, set()),
+    ("live.link", set(), {"torch", "numpy"}),  # a tracker's companion computer has neither
+    ("live.tracker", set(), {"torch", "numpy"}),
+    ("reports", {"world", "networks", "controllers", "training", "cluster", "simulation"}, {"torch"}),
+    ("gym", {"networks", "controllers", "training", "evaluation"}, set()),
+    ("batch", {"channel", "world"}, set()),
+    ("channel", {"world"}, set()),
 ]
-EXCEPTIONS = {("controllers.oracle", "target")}
-"""The oracle knows the target: that is what it is for."""
 
 TRAINING_MACHINE = {"torch", "numpy", "scipy", "rich", "safetensors", "matplotlib"}
 """All that a GPU box without a network has, beside the standard library."""
@@ -85,9 +45,16 @@ MODULES = project_modules()
 
 
 def room(module: str) -> str:
-    return module.split(".", maxsplit=1)[0]
+    """The folder a module lies in. The package's own modules and those beside the rooms of ``live`` are one each."""
+    folder = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    return module if folder in ("", "live") else folder
 
 
+def lies_in(module: str, name: str) -> bool:
+    return module == name or module.startswith(f"{name}.")
+
+
+@functools.cache
 def imports(module: str) -> tuple[set[str], set[str]]:
     """(modules of this package, top-level names of others) that a module imports anywhere in its source."""
     own: set[str] = set()
@@ -122,40 +89,110 @@ def known(name: str) -> str:
     return "swarmchase"
 
 
+def needed_by(modules: set[str]) -> set[str]:
+    """These modules and all that they import, directly or through others, the packages they lie in included."""
+    needed: set[str] = set()
+    waiting = set(modules)
+    while waiting:
+        needed |= waiting
+        following = set().union(*(imports(module)[0] | packages_of(module) for module in waiting))
+        waiting = following - needed - {"swarmchase"}
+    return needed
+
+
+def packages_of(module: str) -> set[str]:
+    """The packages around a module: their __init__ is imported with it."""
+    parts = module.split(".")
+    return {".".join(parts[:length]) for length in range(1, len(parts))}
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """One of the graph's circles, or nothing."""
+    done: set[str] = set()
+
+    def visit(node: str, path: tuple[str, ...]) -> list[str]:
+        if node in path:
+            return [*path[path.index(node) :], node]
+        if node not in done:
+            for following in sorted(graph[node]):
+                if found := visit(following, (*path, node)):
+                    return found
+            done.add(node)
+        return []
+
+    return next((found for node in sorted(graph) if (found := visit(node, ()))), [])
+
+
 def test_walker_sees_what_is_there() -> None:
     """The tests below would pass on nothing at all."""
-    assert imports("environment")[0] >= {"channel", "formation", "target", "scenario"}
-    assert imports("training.losses") == (
-        {"array_types", "errors", "fading_network", "observation", "scenario", "training.rollout"},
-        {"dataclasses", "math", "typing", "torch"},
-    )
-    assert "networks" in imports("controllers.learned")[0]
+    assert imports("world.environment")[0] >= {"channel.fading", "formation", "world.target", "scenario"}
+    assert imports("training.losses")[0] >= {"batch.array_types", "errors", "observation", "training.rollout"}
+    assert imports("training.losses")[1] >= {"dataclasses", "math", "torch"}
     assert "training.a3c" in imports("commands.train")[0]  # inside a function
-    assert "pyarrow" in imports("evaluation")[1]
+    assert {"world.receivers", "scenario"} <= needed_by({"commands.evaluate"})  # through others
+    rooms = {room(module) for module in MODULES}
+    assert rooms >= {"batch", "world", "live.link", "live.tracker.sources", "live.audience", "scenario"}
+    assert not rooms & {"live.link.messages", "world.target"}
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
-def test_every_module_has_a_room() -> None:
-    named = set().union(*ROOMS)
-    assert {room(module) for module in MODULES} == named, "name the new room, at its place on the data's way"
+def test_rooms_import_only_rooms_below_them() -> None:
+    """There is an order of the rooms in which every import goes one way: the graph of their imports has no circle."""
+    assert circle(room_imports()) == []
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if module != "swarmchase"])
-def test_imports_go_one_way(module: str) -> None:
-    place = {name: index for index, names in enumerate(ROOMS) for name in names}
-    ahead = {other for other in imports(module)[0] if place[room(other)] > place[room(module)]}
-    assert ahead == set()
+def room_imports() -> dict[str, set[str]]:
+    """Which other rooms each room imports."""
+    graph: dict[str, set[str]] = {room(module): set() for module in MODULES if module != "swarmchase"}
+    for module in set(MODULES) - {"swarmchase"}:
+        graph[room(module)] |= {room(other) for other in imports(module)[0] - {"swarmchase"}} - {room(module)}
+    return graph
 
 
-@pytest.mark.parametrize(("importer", "rooms"), FORBIDDEN)
-def test_rooms_that_must_not_know_each_other(importer: str, rooms: set[str]) -> None:
-    known_rooms = {
-        (module, room(other))
-        for module in MODULES
-        if room(module) == importer
-        for other in imports(module)[0]
-        if (module, room(other)) not in EXCEPTIONS
+def shown_name(name: str) -> str:
+    """As the document writes a room: ``live/link/`` or ``scenario.py``."""
+    return name.replace(".", "/") + ("/" if MODULES[name].name == "__init__.py" else ".py")
+
+
+def what_it_is_for(name: str) -> str:
+    docstring = ast.get_docstring(ast.parse(MODULES[name].read_text(encoding="utf-8"))) or ""
+    return " ".join(docstring.split("\n\n", maxsplit=1)[0].split()).replace("``", "")
+
+
+def test_the_document_shows_the_rooms_in_their_order() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "method.md").read_text(encoding="utf-8")
+    section = text.partition("## The rooms of the code\n")[2].partition("\n## ")[0]
+    listed = dict(re.findall(r"^\| `([^`]+)` \| (.+) \|$", section, flags=re.MULTILINE))
+    listed.pop("weights/")  # files alone
+    graph = room_imports()
+    assert listed == {shown_name(name): what_it_is_for(name) for name in graph}
+    place = {name: number for number, name in enumerate(listed)}
+    too_low = {
+        (name, other)
+        for name, imported in graph.items()
+        for other in imported
+        if place[shown_name(other)] > place[shown_name(name)]
     }
-    assert {(module, other) for module, other in known_rooms if other in rooms} == set()
+    assert too_low == set()
+
+
+def test_modules_import_one_another_one_way() -> None:
+    # A package's own __init__ is imported before its modules anyway.
+    graph = {
+        module: {other for other in imports(module)[0] if other != "swarmchase" and not lies_in(module, other)}
+        for module in MODULES
+    }
+    assert circle(graph) == []
+
+
+@pytest.mark.parametrize(("name", "rooms", "libraries"), FORBIDDEN, ids=lambda value: value if value else "")
+def test_rooms_that_must_not_know_each_other(name: str, rooms: set[str], libraries: set[str]) -> None:
+    inside = {module for module in MODULES if lies_in(module, name)}
+    assert inside, "no such room any more"
+    needed = needed_by(inside)
+    assert {module for module in needed for one in rooms if lies_in(module, one)} == set()
+    assert {(module, one) for module in needed for one in imports(module)[1] & libraries} == set()
 
 
 def test_nothing_imports_the_command_line() -> None:
@@ -163,37 +200,15 @@ def test_nothing_imports_the_command_line() -> None:
     assert importers == {"__main__"}
 
 
-def test_there_are_no_circles() -> None:
-    seen: set[str] = set()
-
-    def visit(module: str, path: tuple[str, ...]) -> None:
-        assert module not in path, f"circle: {' -> '.join([*path, module])}"
-        if module in seen:
-            return
-        # A package's own __init__ is imported before its modules anyway.
-        inner = {other for other in imports(module)[0] if other != "swarmchase" and not module.startswith(f"{other}.")}
-        for other in inner:
-            visit(other, (*path, module))
-        seen.add(module)
-
-    for module in MODULES:
-        if module != "swarmchase":
-            visit(module, ())
-
-
 def test_training_imports_only_what_a_training_machine_has() -> None:
-    waiting = {module for module in MODULES if room(module) == "training"}
-    needed: set[str] = set()
-    while waiting:
-        needed |= waiting
-        waiting = set().union(*(imports(module)[0] for module in waiting)) - needed - {"swarmchase"}
+    needed = needed_by({module for module in MODULES if lies_in(module, "training")})
     foreign = {
         (module, name)
         for module in needed
         for name in imports(module)[1]
         if name not in TRAINING_MACHINE | sys.stdlib_module_names
     }
-    assert foreign == {("array_types", "jaxtyping")}  # in a try: plain tensors without it
+    assert foreign == {("batch.array_types", "jaxtyping")}  # in a try: plain tensors without it
 
 
 def test_training_runs_where_nothing_else_is_installed(tmp_path: Path) -> None:

@@ -1,5 +1,4 @@
-"""The command line: ``swarmchase chase | evaluate | compare | reproduce | train a3c | train batched | benchmark ... |
-keys | live | serve | replay | tracker``.
+"""The command line: ``swarmchase`` and the name of a command.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
 ``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit

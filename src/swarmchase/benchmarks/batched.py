@@ -1,11 +1,11 @@
 """Environment steps a second of training on two cores: the batched trainer, our A3C, and Stable-Baselines3's A2C.
 
-All train the four networks of the paper with T = 5. A3C has two workers with a chase each, a core each; the
-batched trainer has 64 chases and two threads; Stable-Baselines3 has the same four networks before its heads, 64 of our
-Gymnasium environments and two threads. Each runs in a process of its own, ours with ``batch.freed_memory.keep_freed_memory`` as in
-training; Stable-Baselines3 as it comes, and once more with that. They take turns; a ratio is the median over the turns
-of two rates measured one right after the other. Time is wall time: leave the machine to it.
-"""
+All train the four networks of the paper with T = 5. A3C has two workers with a chase each, a core each; the batched
+trainer has 64 chases and two threads; Stable-Baselines3 has the same four networks before its heads, 64 of our
+Gymnasium environments and two threads. Each runs in a process of its own, ours with
+``batch.freed_memory.keep_freed_memory`` as in training; Stable-Baselines3 as it comes, and once more with that. They
+take turns; a ratio is the median over the turns of two rates measured one right after the other. Time is wall time:
+leave the machine to it."""
 
 import contextlib
 import dataclasses

@@ -2,9 +2,9 @@
 
 The six mean powers of a window are a path gain each plus the fading's mean power in dB, whose joint law does not
 depend on the distances. It has no closed form. Here it is a Gaussian copula: each tracker's fading is mapped to a
-standard normal by the quantiles of many windows drawn from ``channel.fading.FadingProcess``, and the six normals have one
-correlation, since all trackers fade alike. At 100 Hz the law has a long tail towards deep fades: as a plain Gaussian it
-costs a particle filter 4 % more movements.
+standard normal by the quantiles of many windows drawn from ``channel.fading.FadingProcess``, and the six normals have
+one correlation, since all trackers fade alike. At 100 Hz the law has a long tail towards deep fades: as a plain
+Gaussian it costs a particle filter 4 % more movements.
 
 A window may also enter by another statistic of its power than the mean (``WindowPower``); the law is that of what
 fading does to it.

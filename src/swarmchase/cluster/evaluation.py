@@ -1,4 +1,4 @@
-"""Blocks of chases as tasks on a cluster: the runner that ``evaluation.blocks.evaluate_jobs`` takes instead of its processes.
+"""Blocks of chases as tasks on a cluster: the runner that ``evaluation.blocks.evaluate_jobs`` takes for its processes.
 
 A block is cut into parts, a task each; what has ended of a block that is not complete lies on disk like a block of its
 own, and is found again.

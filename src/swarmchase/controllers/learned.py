@@ -1,8 +1,8 @@
 """``paper``, ``robust`` and every other controller whose decisions come from trained networks.
 
 Networks of the paper's form decide from the current window alone; the gated one remembers. Missing samples (NaN)
-are filled by the networks, each in its way (``networks.actor_critic.filled_window_dbm``, ``networks.gated``); in a window without
-any sample the controller holds still and remembers nothing of it.
+are filled by the networks, each in its way (``networks.actor_critic.filled_window_dbm``, ``networks.gated``); in a
+window without any sample the controller holds still and remembers nothing of it.
 """
 
 from dataclasses import dataclass

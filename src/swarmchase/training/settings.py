@@ -57,7 +57,7 @@ class TrainingSettings:
     varied_start: bool = False
     """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
     varied_world: bool = False
-    """Each agent plays in a world of its own that departs from the scenario the networks are told (``world.departures``)."""
+    """Each agent plays in a world of its own that departs from what the networks are told (``world.departures``)."""
     spacing_exploration: float | None = None
     """The spacing is the most likely one but for this share of movements, when it is any one; None samples it."""
     initial_weights: str | None = None
