@@ -24,10 +24,10 @@ from swarmchase.channel.fading import (
     harmonic_frequency_hz,
     jakes_basis,
     path_loss_db,
-    rssi_dbm,
     spatial_mixing,
 )
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.radio import rssi_dbm
 
 NUM_TRACKERS = 6
 
@@ -112,7 +112,7 @@ def windows(process: FadingProcess, state: FadingState, count: int) -> torch.Ten
     drawn = []
     for _ in range(count):
         drawn.append(process.window(state))
-        state = replace(state, time_s=process.advanced_time_s(state, torch.zeros_like(state.time_s)))
+        state = process.after_movement(state, torch.zeros_like(state.time_s))
     return torch.stack(drawn, dim=1)
 
 
@@ -152,7 +152,7 @@ def test_a_chase_goes_on_when_its_batch_changes(scenario: Scenario) -> None:
     undisturbed = windows(process, process.begin(chase_keys(2, 6)), 2)
     state = process.begin(chase_keys(2, 6))
     process.window(state)
-    state = replace(state, time_s=process.advanced_time_s(state, torch.zeros_like(state.time_s)))
+    state = process.after_movement(state, torch.zeros_like(state.time_s))
     regrouped = join_chases(select_chases(state, [4]), process.begin(chase_keys(3, 2)))
     assert torch.equal(process.window(regrouped)[0], undisturbed[4, 1])
 
@@ -170,7 +170,7 @@ def test_successive_windows_of_the_running_process_are_one_process() -> None:
 def test_the_clock_advances_by_a_window_and_the_travel() -> None:
     process = FadingProcess(paper_scenario(sampling_hz=20))  # a window lasts 50 / 20 = 2.5 s
     state = process.begin(chase_keys(1, 2))
-    moved = replace(state, time_s=process.advanced_time_s(state, torch.tensor([0.0, 0.8]).double()))
+    moved = process.after_movement(state, torch.tensor([0.0, 4.0]).double())  # 0.8 s at 5 m/s
     assert moved.time_s.tolist() == pytest.approx([2.5, 3.3])
 
 

@@ -5,7 +5,6 @@ Every figure is deterministic (seeded). Bounds are about four standard errors of
 
 import functools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -163,10 +162,8 @@ def test_covariance_across_a_window_boundary(sampling_hz: float, continuity: str
     process = FadingProcess(scenario)
     state = process.begin(chase_keys(1, 4_000))
     first = as_complex(process.window(state)).reshape(-1, 50)
-    travels_s = torch.full((4_000,), travel_s, dtype=torch.float64)
-    second = as_complex(process.window(replace(state, time_s=process.advanced_time_s(state, travels_s)))).reshape(
-        -1, 50
-    )
+    travel_m = torch.full((4_000,), travel_s * scenario.tracker_speed_mps, dtype=torch.float64)
+    second = as_complex(process.window(process.after_movement(state, travel_m))).reshape(-1, 50)
     sample = np.arange(50)
     lag_s = (50 - sample[:, None] + sample) / sampling_hz + travel_s
     expected = j0(2 * np.pi * lag_s) if continuity == "continuous" else np.zeros((50, 50))

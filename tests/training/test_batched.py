@@ -11,7 +11,6 @@ import torch
 from safetensors.torch import load_file
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.fading import rssi_dbm
 from swarmchase.cli import main
 from swarmchase.commands.train import TrainBatchedCommand
 from swarmchase.errors import InputError
@@ -36,6 +35,7 @@ from swarmchase.world.environment import (
     distance_reduction_m,
     unfaded_dbm,
 )
+from swarmchase.world.radio import rssi_dbm
 
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
 OTHER = dataclasses.replace(WORLD, sampling_hz=100.0, spatial_correlation=0.1)

@@ -26,8 +26,9 @@ import numpy as np
 import torch
 
 from ..batch.streams import chase_keys
-from ..channel.fading import FadingProcess, path_loss_db, rssi_dbm
+from ..channel.fading import FadingProcess, path_loss_db
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
+from ..world.radio import rssi_dbm
 
 if TYPE_CHECKING:
     from rich.table import Table

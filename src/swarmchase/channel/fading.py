@@ -11,7 +11,7 @@ are the same at every tracker. Fading is held as [chase, tracker, part, sample],
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -42,13 +42,6 @@ def fading_db(fading: Float[Tensor, "chase tracker 2 sample"]) -> Float[Tensor, 
     """20 log10 |h|, at least ``DEEPEST_FADE_DB``."""
     power = fading[:, :, 0].square().addcmul_(fading[:, :, 1], fading[:, :, 1])
     return power.clamp_min_(10 ** (DEEPEST_FADE_DB / 10)).log10_().mul_(10)
-
-
-def rssi_dbm(
-    scenario: Scenario, distance_m: Float[Tensor, "chase tracker"], fading: Float[Tensor, "chase tracker 2 sample"]
-) -> Float[Tensor, "chase sample tracker"]:
-    """Eq. (1): the RSSI window that six trackers at these distances report, float32."""
-    return fading_db(fading).add_(unfaded_dbm(scenario, distance_m).float()[:, :, None]).transpose(1, 2)
 
 
 def unfaded_dbm(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
@@ -116,9 +109,10 @@ class FadingProcess:
             scattered = self._sum_of_harmonics(state.harmonics, state.time_s)
         return self._with_line_of_sight(scattered, state)
 
-    def advanced_time_s(self, state: FadingState, travel_s: Float[Tensor, "chase"]) -> Float[Tensor, "chase"]:
-        """When the window after the next movement begins: one window and the movement's travel later."""
-        return state.time_s + self._scenario.window_s + travel_s
+    def after_movement(self, state: FadingState, travel_m: Float[Tensor, "chase"]) -> FadingState:
+        """When the window after the next movement begins: one window and the way at the trackers' speed later."""
+        travel_s = travel_m / self._scenario.tracker_speed_mps
+        return replace(state, time_s=state.time_s + self._scenario.window_s + travel_s)
 
     def _mixed(self, normals: Float[Tensor, "chase tracker 2 k"]) -> Float[Tensor, "chase tracker 2 k"]:
         """The matrix square root of C (Eq. 3) applied across trackers."""

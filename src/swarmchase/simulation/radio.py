@@ -6,7 +6,7 @@ controller tells nobody where its windows begin, so a simulation has to be told:
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
@@ -60,7 +60,7 @@ class Radio:
         center = torch.tensor([center_m], dtype=torch.float64)
         if self._center_m is not None:
             travel_m = (center - self._center_m).norm(dim=1)
-            self._fading = self._later(self._fading, travel_m)
+            self._fading = self._process.after_movement(self._fading, travel_m)
         self._center_m = center
         self._since_ns = since_ns
 
@@ -73,7 +73,7 @@ class Radio:
             self._open(self._fading)
         elif self._window is None or self._sample == self._scenario.window_samples:
             self._is_between = True
-            self._between = self._later(self._between, torch.zeros(1, dtype=torch.float64))
+            self._between = self._process.after_movement(self._between, torch.zeros(1, dtype=torch.float64))
             self._open(self._between)
         assert self._window is not None
         distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
@@ -81,11 +81,6 @@ class Radio:
         reported_dbm: list[float] = (arriving_dbm + self._window.receivers_db[self._sample]).tolist()
         self._sample += 1
         return reported_dbm
-
-    def _later(self, fading: FadingState, travel_m: Float[Tensor, "1"]) -> FadingState:
-        """As the environment has it after a movement."""
-        time_s = self._process.advanced_time_s(fading, travel_m / self._scenario.tracker_speed_mps)
-        return replace(fading, time_s=time_s)
 
     def _open(self, fading: FadingState) -> None:
         nothing_db = torch.zeros(1, self._scenario.window_samples, NUM_TRACKERS)

@@ -4,19 +4,20 @@ One movement is act, move, observe, reward (Section III, Algorithm 1). Axes are 
 batch of one. A chase is defined by its key alone, whatever batch it is in.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
-from ..channel.fading import FadingProcess, FadingState, rssi_dbm
+from ..channel.fading import FadingState
 from ..channel.fading import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
 from ..formation import Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
-from .receivers import Receivers, ReceiverState
+from .radio import Radio
+from .receivers import ReceiverState
 from .target import draw_target_position_m
 
 
@@ -68,8 +69,7 @@ class Environment:
     def __init__(self, scenario: Scenario, device: torch.device | str = "cpu") -> None:
         self.scenario = scenario
         self._device = torch.device(device)
-        self._fading = FadingProcess(scenario, device)
-        self._receivers = Receivers(scenario, device)
+        self._radio = Radio(scenario, device)
         self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
 
@@ -84,12 +84,14 @@ class Environment:
         target_position_m = target_position_m.to(self._device)
         center_m = torch.zeros_like(target_position_m)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
-        fading, receivers = self._fading.begin(keys), self._receivers.begin(keys)
+        fading, receivers = self._radio.begin(keys)
         return State(
             target_position_m=target_position_m,
             center_m=center_m,
             spacing_m=spacing_m,
-            rssi_dbm=self._heard_dbm(target_position_m, center_m, spacing_m, fading, receivers),
+            rssi_dbm=self._radio.heard_dbm(
+                _tracker_distance_m(target_position_m, center_m, spacing_m), fading, receivers
+            ),
             movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
             path_length_m=torch.zeros(len(keys), dtype=torch.float64, device=self._device),
             fading=fading,
@@ -105,31 +107,20 @@ class Environment:
         self._require_allowed(state, action)
         center_m = state.center_m + action.displacement_m
         travel_m = action.displacement_m.norm(dim=1)
-        time_s = self._fading.advanced_time_s(state.fading, travel_m / self.scenario.tracker_speed_mps)
-        fading = replace(state.fading, time_s=time_s)
+        fading = self._radio.fading.after_movement(state.fading, travel_m)
         following = State(
             target_position_m=state.target_position_m,
             center_m=center_m,
             spacing_m=action.spacing_m,
-            rssi_dbm=self._heard_dbm(state.target_position_m, center_m, action.spacing_m, fading, state.receivers),
+            rssi_dbm=self._radio.heard_dbm(
+                _tracker_distance_m(state.target_position_m, center_m, action.spacing_m), fading, state.receivers
+            ),
             movements=state.movements + 1,
             path_length_m=state.path_length_m + travel_m,
             fading=fading,
             receivers=state.receivers,
         )
         return following, self._outcome(state, following)
-
-    def _heard_dbm(
-        self,
-        target_position_m: Float[Tensor, "chase 3"],
-        center_m: Float[Tensor, "chase 3"],
-        spacing_m: Float[Tensor, "chase"],
-        fading: FadingState,
-        receivers: ReceiverState,
-    ) -> Float[Tensor, "chase sample tracker"]:
-        distance_m = _tracker_distance_m(target_position_m, center_m, spacing_m)
-        arriving_dbm = rssi_dbm(self.scenario, distance_m, self._fading.window(fading))
-        return self._receivers.reported_dbm(receivers, arriving_dbm)
 
     def _outcome(self, before: State, after: State) -> Outcome:
         reached = distance_to_target_m(after) <= self.scenario.success_radius_m
