@@ -39,8 +39,9 @@ from swarmchase.live.service.service import ServiceSettings
 from swarmchase.live.service.state_folder import UNIX_TIME_OF_2025_S, default_state_folder, next_epoch
 from swarmchase.live.ticker import next_moment_ns
 from swarmchase.live.tracker.agent import AgentSettings
-from swarmchase.live.tracker.sources.address import SourceDetails, open_source
-from swarmchase.live.tracker.vehicles.address import VehicleDetails
+from swarmchase.live.tracker.sources.address import open_source
+from swarmchase.live.tracker.sources.kind import SourceDetails
+from swarmchase.live.tracker.vehicles.kind import VehicleDetails
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -552,7 +553,7 @@ def test_recordings_are_told_apart_by_their_ending(tmp_path: Path) -> None:
     (tmp_path / "log.json").write_text('[{"seconds": 0, "level": -63}]')
     details = SourceDetails(rssi_column="level", time_column="seconds")
     for name, level_dbm in (("log.csv", -61.0), ("log.json", -63.0)):
-        source = open_source(f"replay:{tmp_path / name}", 10.0, details)
+        source = open_source(f"replay:{tmp_path / name}", details)
         assert source.read(1000) == [(1000, level_dbm)]
         source.close()
 

@@ -24,7 +24,8 @@ from swarmchase.live.link.rejection import RejectedError
 from swarmchase.live.link.timestamps import Timestamps
 from swarmchase.live.tracker.sources import Sample
 from swarmchase.live.tracker.vehicles import SimulatedVehicle
-from swarmchase.live.tracker.vehicles.address import VehicleDetails, open_vehicle
+from swarmchase.live.tracker.vehicles.address import open_vehicle
+from swarmchase.live.tracker.vehicles.kind import VehicleDetails
 from swarmchase.scenario import paper_scenario
 from swarmchase.simulation.autopilot import SimulatedAutopilot
 from swarmchase.simulation.fault_plan import (

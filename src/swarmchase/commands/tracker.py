@@ -4,9 +4,18 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import arg
 
 from ..errors import InputError
+from ..live.address import help_of
+from ..live.tracker.sources.address import KINDS as SOURCES
+from ..live.tracker.sources.address import open_source
+from ..live.tracker.sources.kind import SourceDetails
+from ..live.tracker.vehicles.address import KINDS as VEHICLES
+from ..live.tracker.vehicles.address import open_vehicle
+from ..live.tracker.vehicles.kind import VehicleDetails
 from .options import LinkOptions, fields_from
 from .terminal import line_printer, print_json
 
@@ -24,11 +33,8 @@ class TrackerCommand(LinkOptions):
 
     number: int
     """0 to 5: at +x, -x, +y, -y, +z, -z of the swarm's centre (x east, y north, z up)."""
-    source: str
-    """Where RSSI samples come from: replay:FILE (.csv, .json, .pcap), jsonl:- (standard input), serial:PATH, udp:PORT,
-    kismet:URL, pcap:FILE (growing, or a pipe), simulated:LEVEL_DBM; docs/live.md describes them."""
-    vehicle: str
-    """simulated, mavlink:PORT (UDP) or mavlink-serial:PATH."""
+    source: Annotated[str, arg(help=f"Where RSSI samples come from: {help_of(SOURCES)}; docs/live.md describes them.")]
+    vehicle: Annotated[str, arg(help=f"One of {help_of(VEHICLES)}.")]
     controller: str = "127.0.0.1:14550"
     """HOST:PORT of swarmchase serve."""
     sampling_hz: float = 10.0
@@ -96,11 +102,9 @@ class TrackerCommand(LinkOptions):
         from ..live.tracker.agent import TrackerAgent
         from ..live.tracker.loop import run_tracker
         from ..live.tracker.sources import CalibratedSource
-        from ..live.tracker.sources.address import SourceDetails, open_source
-        from ..live.tracker.vehicles.address import VehicleDetails, open_vehicle
 
         vehicle = open_vehicle(self.vehicle, VehicleDetails(**fields_from(self, VehicleDetails)))
-        source = open_source(self.source, self.sampling_hz, SourceDetails(**fields_from(self, SourceDetails)))
+        source = open_source(self.source, SourceDetails(**fields_from(self, SourceDetails)))
         calibrated = CalibratedSource(source, self.calibration_offset_db)
         agent = TrackerAgent(self.number, calibrated, vehicle, link, MonotonicClock(), self.sampling_hz, settings)
         tell(f"Tracker {self.number} dials {self.controller}.")

@@ -1,10 +1,33 @@
-"""HOST:PORT as people write it."""
+"""HOST:PORT, and KIND:PLACE, as people write them."""
 
 import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 from ..errors import InputError
 
 LOOPBACK = "127.0.0.1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class AddressKind:
+    """One of the kinds of things that an address, ``udp:14555``, may name."""
+
+    scheme: str
+    """What its addresses begin with."""
+    place: str
+    """What they go on with after a colon, in the word that help uses; empty: the scheme stands alone."""
+    note: str = ""
+    """What help says of it in brackets."""
+
+    @property
+    def form(self) -> str:
+        """How its addresses read."""
+        return f"{self.scheme}:{self.place}" if self.place else self.scheme
+
+
+_Kind = TypeVar("_Kind", bound=AddressKind)
 
 
 def host_and_port(text: str, default_host: str | None = None) -> tuple[str, int]:
@@ -24,21 +47,27 @@ def host_and_port(text: str, default_host: str | None = None) -> tuple[str, int]
     return host, int(port)
 
 
-def kind_and_place(text: str, kinds: dict[str, str], what: str) -> tuple[str, str]:
-    """``udp:14555`` in its two parts; a kind whose place is empty in ``kinds`` stands alone.
+def kind_and_place(text: str, kinds: Sequence[_Kind], what: str) -> tuple[_Kind, str]:
+    """``udp:14555`` as its kind and what follows the colon.
 
     Args:
-        kinds: what each kind wants after its colon, in the word that help uses.
+        kinds: those there are.
         what: is asked for, for the refusal.
 
     Raises:
         InputError: another kind, or its place is missing.
     """
-    kind, colon, place = text.partition(":")
-    if kind not in kinds or bool(place) != bool(kinds[kind]) or (colon and not place):
-        allowed = ", ".join(f"{name}:{wanted}" if wanted else name for name, wanted in kinds.items())
+    scheme, colon, place = text.partition(":")
+    kind = next((one for one in kinds if one.scheme == scheme), None)
+    if kind is None or bool(place) != bool(kind.place) or (colon and not place):
+        allowed = ", ".join(one.form for one in kinds)
         raise InputError(f"{what} {text!r} is refused: allowed is one of {allowed}")
     return kind, place
+
+
+def help_of(kinds: Sequence[AddressKind]) -> str:
+    """How the addresses of these kinds read, for help."""
+    return ", ".join(f"{kind.form} ({kind.note})" if kind.note else kind.form for kind in kinds)
 
 
 def is_loopback(host: str) -> bool:

@@ -837,7 +837,7 @@ def test_the_link_stays_small() -> None:
     """It runs on the small computer of a tracker, where the whole agent has 80 MB."""
     program = (
         "import re, sys\n"
-        "import swarmchase.live.link.mavlink, swarmchase.live.link.memory_link, swarmchase.live.link.keys\n"
+        "import swarmchase.live.link.mavlink, swarmchase.live.link.keys\n"
         "heavy = {'torch', 'numpy', 'scipy', 'lxml', 'pyarrow'} & set(sys.modules)\n"
         "most_kb = int(re.search(r'VmHWM:\\s*(\\d+) kB', open('/proc/self/status').read())[1])\n"
         "print(sorted(heavy), most_kb < 45_000)\n"
@@ -854,7 +854,7 @@ def test_without_pymavlink_one_line_names_the_extra() -> None:
         "    import swarmchase.live.link.mavlink\n"
         "except InputError as error:\n"
         "    print(error)\n"
-        "import swarmchase.live.link.memory_link\n"
+        "import swarmchase.live.link.messages, swarmchase.live.link.protocol, swarmchase.live.link.keys\n"
     )
     assert in_a_fresh_process(program) == "the MAVLink link needs pymavlink: pip install swarmchase[live]"
 

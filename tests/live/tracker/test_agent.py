@@ -487,6 +487,8 @@ def test_refused_agents(tracker: int, sampling_hz: float) -> None:
 AGENT_ALONE = """
 import sys
 from collections import Counter
+import swarmchase.live.link.mavlink, swarmchase.live.tracker.loop
+import swarmchase.live.tracker.sources.address, swarmchase.live.tracker.vehicles.address
 from swarmchase.live.tracker.agent import TrackerAgent
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.messages import SetPoint

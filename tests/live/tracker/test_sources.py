@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
 from swarmchase.live.link.messages import RssiWindow
+from swarmchase.live.tracker.serial_port import open_serial_port
 from swarmchase.live.tracker.sources import (
     CalibratedSource,
     JsonDatagramSource,
@@ -34,11 +35,10 @@ from swarmchase.live.tracker.sources import (
     SimulatedSource,
     csv_rows,
     json_rows,
-    open_serial_port,
     pcap_rows,
     sik_dbm,
 )
-from swarmchase.live.tracker.sources.json_lines import LONGEST_LINE_BYTES, parse_record
+from swarmchase.live.tracker.sources.json_records import LONGEST_LINE_BYTES, parse_record
 from swarmchase.live.tracker.sources.kismet import parse_answer
 from swarmchase.live.tracker.sources.pcap import PcapParser, transmitter_address
 from swarmchase.live.tracker.sources.protocol import MOST_PER_READ

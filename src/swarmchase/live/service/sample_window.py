@@ -1,8 +1,9 @@
 """What one tracker has heard, by the time each sample was taken, whatever messages brought it and in which order.
 
 Every message repeats earlier samples. A sample belongs to the cell of a grid of 1 / F on its tracker's own clock, and
-of several for one cell always the same one is kept; so any order, repetition or loss of messages gives the same window
-as long as the same samples have arrived at least once, and a late message fills old cells only.
+of several for one cell always the same one is kept (``link.sample_grid`` says which); so any order, repetition or loss
+of messages gives the same window as long as the same samples have arrived at least once, and a late message fills old
+cells only.
 
 A tracker should date its samples by a grid of its own (time of the first plus a whole number of periods). One that
 samples faster than F is thinned out, one that samples slower leaves cells empty.
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..link.messages import RssiWindow
+from ..link.sample_grid import SampleGrid
 
 Levels = npt.NDArray[np.float64]
 Point = npt.NDArray[np.float64]
@@ -77,7 +79,7 @@ class SampleWindow:
     """The last samples of one tracker. All times are nanoseconds of the tracker's clock."""
 
     def __init__(self, sampling_hz: float, window_samples: int) -> None:
-        self._period_ns = round(1e9 / sampling_hz)
+        self._grid = SampleGrid(sampling_hz)
         self._window_samples = window_samples
         self._room = 2 * window_samples + int(np.ceil(KEPT_BEYOND_WINDOW_S * sampling_hz))
         self.forget()
@@ -99,7 +101,7 @@ class SampleWindow:
         valid = np.isfinite(rssi_dbm)
         if valid.any():
             self.newest_valid_ns = max(int(time_ns[valid][-1]), self.newest_valid_ns or 0)
-        cell = (time_ns + self._period_ns // 2) // self._period_ns
+        cell = self._grid.cell(time_ns)
         # The best last, which then stays where a message has several samples for one cell.
         order = np.lexsort(self._merits(cell, time_ns, rssi_dbm))
         cell, time_ns, rssi_dbm = cell[order], time_ns[order], rssi_dbm[order]
@@ -114,7 +116,7 @@ class SampleWindow:
         it was taken to the cell's middle, and (so that the order of arrival never decides) its level.
         """
         valid = np.isfinite(rssi_dbm)
-        return np.where(valid, rssi_dbm, 0.0), -np.abs(time_ns - cell * self._period_ns), valid
+        return np.where(valid, rssi_dbm, 0.0), -np.abs(time_ns - self._grid.middle_ns(cell)), valid
 
     def _is_better(self, cell: Times, time_ns: Times, rssi_dbm: Levels) -> Flags:
         """Whether these samples are better than what their cells hold."""
@@ -132,7 +134,7 @@ class SampleWindow:
         place = cell % self._room
         there = self._cell[place] == cell
         # Nothing is known of a missing sample's moment but its cell, and that it is not before the window.
-        missing_ns = np.maximum(cell * self._period_ns, since_ns)
+        missing_ns = np.maximum(self._grid.middle_ns(cell), since_ns)
         return np.where(there, self._rssi_dbm[place], np.nan), np.where(there, self._time_ns[place], missing_ns)
 
     def first_valid_ns(self, since_ns: int) -> int | None:
@@ -157,5 +159,5 @@ class SampleWindow:
         """The cell of the first sample at or after this moment, known from where in its cell the newest one lies."""
         place = int(self._cell.argmax())
         newest = int(self._cell[place])
-        phase_ns = 0 if newest == NEVER else int(self._time_ns[place]) - newest * self._period_ns
-        return -((phase_ns - since_ns) // self._period_ns)
+        phase_ns = 0 if newest == NEVER else int(self._time_ns[place]) - self._grid.middle_ns(newest)
+        return self._grid.next_cell(since_ns, phase_ns)

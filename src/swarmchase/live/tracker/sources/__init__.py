@@ -1,13 +1,13 @@
 """Where a tracker's RSSI samples come from, all behind one protocol."""
 
-from .json_lines import JsonDatagramSource, JsonLinesSource
+from .json_datagrams import JsonDatagramSource
+from .json_lines import JsonLinesSource
 from .kismet import KismetSource
 from .pcap import PcapSource, pcap_rows
 from .protocol import CalibratedSource, RssiSource, Sample
 from .replay import ReplaySource, csv_rows, json_rows, sik_dbm
 from .sample_buffer import SampleBuffer
 from .sender_clock import SenderClock
-from .serial_port import open_serial_port
 from .simulated import SimulatedSource
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "SimulatedSource",
     "csv_rows",
     "json_rows",
-    "open_serial_port",
     "pcap_rows",
     "sik_dbm",
 ]

@@ -9,9 +9,11 @@ import json
 import math
 import threading
 from collections import Counter, deque
+from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
+from .kind import SourceDetails, SourceKind
 from .pcap import mac_address
 from .protocol import Sample
 
@@ -111,3 +113,21 @@ def parse_answer(answer: bytes) -> tuple[float, tuple[Any, Any]] | None:
         return None
     rssi_dbm = float(device["rssi_dbm"]) or math.nan
     return rssi_dbm, (device.get("last_time_s"), device.get("packets"))
+
+
+def _open(url: str, details: SourceDetails) -> KismetSource:
+    if details.transmitter_mac is None:
+        raise InputError("Kismet hears many devices: say which one with --transmitter-mac")
+    return KismetSource(url, details.transmitter_mac, _token(details.kismet_token_file))
+
+
+def _token(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the token in {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+KIND = SourceKind(scheme="kismet", place="URL", open=_open)

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ....errors import InputError
-from .protocol import Sample
+from .kind import SourceDetails, SourceKind
+from .protocol import Row, Sample
 from .radiotap import parse_radiotap
-from .replay import Row
 from .sender_clock import SenderClock
 
 LINK_TYPE_RADIOTAP = 127
@@ -194,3 +194,10 @@ def mac_address(text: str) -> bytes:
     if len(address) != 6 or any(len(part) != 2 for part in parts):
         raise InputError(f"{text!r} is refused: allowed is a MAC address, aa:bb:cc:dd:ee:ff")
     return address
+
+
+def _open(place: str, details: SourceDetails) -> PcapSource:
+    return PcapSource(Path(place), details.transmitter_mac)
+
+
+KIND = SourceKind(scheme="pcap", place="FILE", note="growing, or a pipe", open=_open)

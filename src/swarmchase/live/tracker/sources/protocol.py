@@ -9,6 +9,9 @@ Sample = tuple[int, float]
 """When it was taken, in nanoseconds of the agent's own clock, and the RSSI in dBm; NaN where the receiver says that it
 has none."""
 
+Row = tuple[float, float]
+"""Of a recording: when, in seconds of any clock, and the RSSI in dBm, NaN where there is none."""
+
 MOST_PER_READ = 1000
 """Records taken up by one ``read``: a flood waits, or is lost, and does not keep the agent from its other work."""
 

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
-from .protocol import MOST_PER_READ, Sample
-
-Row = tuple[float, float]
-"""When, in seconds of any clock, and the RSSI in dBm, NaN where there is none."""
+from .kind import SourceDetails, SourceKind
+from .pcap import pcap_rows
+from .protocol import MOST_PER_READ, Row, Sample
 
 
 class ReplaySource:
@@ -136,3 +135,21 @@ def _number(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
+
+
+def _open(place: str, details: SourceDetails) -> ReplaySource:
+    return ReplaySource(_rows(Path(place), details))
+
+
+def _rows(path: Path, details: SourceDetails) -> Iterator[Row]:
+    """By the file's ending."""
+    if path.suffix == ".csv":
+        return csv_rows(path, details.rssi_column, details.time_column)
+    if path.suffix == ".json":
+        return json_rows(path, details.rssi_column, details.time_column)
+    if path.suffix == ".pcap":
+        return pcap_rows(path, details.transmitter_mac)
+    raise InputError(f"cannot replay {path}: allowed are .csv, .json and .pcap")
+
+
+KIND = SourceKind(scheme="replay", place="FILE", note=".csv, .json, .pcap", open=_open)

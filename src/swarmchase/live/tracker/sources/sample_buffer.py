@@ -4,6 +4,7 @@ import math
 
 from ....errors import InputError
 from ...link.messages import FASTEST_SAMPLING_HZ, MOST_SAMPLES, SLOWEST_SAMPLING_HZ
+from ...link.sample_grid import SampleGrid
 from .protocol import Sample, plausible_dbm
 
 LATENESS_S = 0.1
@@ -12,10 +13,8 @@ counts as missing. A window therefore ends so much earlier where the receiver is
 
 
 class SampleBuffer:
-    """Keeps ``num_samples`` slots of 1 / ``sampling_hz`` seconds. The first sample lies in the middle of its slot, so
-    that the jitter of a receiver of that rate does not put two samples into one slot and none into the next.
-
-    A slot holds its latest valid sample: the controller's networks know samples, not means over time.
+    """Keeps the last ``num_samples`` slots: the cells of a grid that begins with the first sample. Each holds its
+    latest valid sample; ``link.sample_grid`` says why.
 
     Raises:
         InputError: a rate or number of samples that no message may carry.
@@ -27,7 +26,7 @@ class SampleBuffer:
             raise InputError(f"sampling_hz = {sampling_hz} is refused: allowed is {allowed}")
         if not 1 <= num_samples <= MOST_SAMPLES:
             raise InputError(f"num_samples = {num_samples} is refused: allowed is 1 to {MOST_SAMPLES}")
-        self._sampling_hz = sampling_hz
+        self._grid = SampleGrid(sampling_hz)
         self._num_samples = num_samples
         self._first_ns: int | None = None
         self._newest_slot = 0
@@ -41,7 +40,7 @@ class SampleBuffer:
             return
         if self._first_ns is None:
             self._first_ns = time_ns
-        slot = self._slot(time_ns, self._first_ns)
+        slot = self._grid.cell(time_ns - self._first_ns)
         if slot <= self._newest_slot - self._num_samples:
             return
         self._slots[slot] = max(self._slots.get(slot, sample), sample)
@@ -52,16 +51,13 @@ class SampleBuffer:
         valid came; None before the first sample."""
         if self._first_ns is None:
             return None
-        self._move_to(self._slot(now_ns - round(LATENESS_S * 1e9), self._first_ns) - 1)
+        self._move_to(self._grid.cell(now_ns - round(LATENESS_S * 1e9) - self._first_ns) - 1)
         oldest_slot = max(0, self._newest_slot - self._num_samples + 1)
         levels_dbm = tuple(
             self._slots[slot][1] if slot in self._slots else math.nan
             for slot in range(oldest_slot, self._newest_slot + 1)
         )
-        return self._first_ns + round(self._newest_slot / self._sampling_hz * 1e9), levels_dbm
-
-    def _slot(self, time_ns: int, first_ns: int) -> int:
-        return math.floor((time_ns - first_ns) / 1e9 * self._sampling_hz + 0.5)
+        return self._first_ns + self._grid.middle_ns(self._newest_slot), levels_dbm
 
     def _move_to(self, slot: int) -> None:
         if slot <= self._newest_slot:

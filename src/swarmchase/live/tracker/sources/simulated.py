@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 
-from ...link.messages import MOST_SAMPLES
+from ....errors import InputError
+from ...link.messages import HIGHEST_RSSI_DBM, LOWEST_RSSI_DBM, MOST_SAMPLES
+from .kind import SourceDetails, SourceKind
 from .protocol import Sample
 
 
@@ -36,3 +38,17 @@ class SimulatedSource:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _open(place: str, details: SourceDetails) -> SimulatedSource:
+    """A level that stays."""
+    try:
+        level_dbm = float(place)
+    except ValueError:
+        raise InputError(f"level {place!r} is refused: allowed is a number of dBm") from None
+    if not LOWEST_RSSI_DBM <= level_dbm <= HIGHEST_RSSI_DBM:
+        raise InputError(f"level {place} dBm is refused: allowed is {LOWEST_RSSI_DBM:g} to {HIGHEST_RSSI_DBM:g}")
+    return SimulatedSource(lambda _time_ns: level_dbm, details.sampling_hz)
+
+
+KIND = SourceKind(scheme="simulated", place="LEVEL_DBM", open=_open)

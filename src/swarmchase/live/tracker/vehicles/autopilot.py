@@ -1,12 +1,11 @@
-"""A vehicle with a MAVLink autopilot: ArduPilot in GUIDED or PX4 in OFFBOARD mode.
+"""A vehicle with a MAVLink autopilot, in the mode in which set-points move it: ``known_firmware`` says which makes.
 
 The operator arms it and takes it off; this only moves it, and only in that mode. The mode is asked for when the first
 set-point comes, and counts once a heartbeat shows it. Whatever else a heartbeat shows afterwards was done by a pilot or
 a failsafe, and the vehicle is left alone until a heartbeat shows the mode again.
 
-Set-points are streamed all the time, holding included. If this process dies, PX4 leaves OFFBOARD by itself within a
-second; ArduPilot flies to the last set-point and stays there. PX4 lets a pilot choose OFFBOARD, and so give the vehicle
-back, only while set-points come: there, and only there, its own position is sent while the pilot has it.
+Set-points are streamed all the time, holding included. Where a pilot can give the vehicle back only while set-points
+come, and only there, its own position is sent while the pilot has it.
 """
 
 import math
@@ -16,7 +15,9 @@ from typing import Any
 
 from ....errors import InputError
 from ...link.messages import FARTHEST_M, Metres, TrackerMode
+from .firmware import Firmware, GuidedMode
 from .frames import Frame, LocalFrame
+from .known_firmware import UNKNOWN, firmware_of
 from .transports import Transport
 
 SET_POINT_PERIOD_S = 0.1
@@ -32,10 +33,6 @@ POSITION_IS_OLD_S = 1.0
 
 OWN_COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT = 1
-ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT
-GUIDED_OF_COPTERS, GUIDED_OF_PLANES_AND_ROVERS = 4, 15
-PLANES_AND_ROVERS = {1, 10, 11}  # MAV_TYPE: fixed wing, ground rover, boat
-PX4_OFFBOARD = 6
 CUSTOM_MODE_ENABLED, ARMED = 1, 128  # MAV_MODE_FLAG
 CRITICAL = 5  # MAV_STATE: from here on, a failsafe is at work
 DO_SET_MODE, SET_MESSAGE_INTERVAL = 176, 511  # MAV_CMD
@@ -50,8 +47,8 @@ class _Heartbeat:
 
     time_ns: int
     custom_mode: int
-    wanted_mode: int
-    px4: bool
+    wanted_mode: GuidedMode
+    firmware: Firmware
     armed: bool
     failsafe: bool
 
@@ -131,7 +128,7 @@ class AutopilotVehicle:
             self._ask_for_positions()
         if self.mode == TrackerMode.MANUAL:
             self._destination_m, self._following = None, False
-            if beat is not None and beat.px4:
+            if beat is not None and beat.firmware.wants_set_points_from_manual:
                 self._stream(self.position_m)
             return
         if self._confirmed and self._destination_m is None:
@@ -177,22 +174,20 @@ class AutopilotVehicle:
         self._last_position_m, self._velocity_mps, self._position_ns = position_m, velocity_mps, self._now_ns
 
     def _take_up_heartbeat(self, message: Any) -> None:
-        px4 = message.autopilot == PX4
-        if not px4 and message.autopilot != ARDUPILOT:
-            self.rejected["neither ArduPilot nor PX4"] += 1
+        firmware = firmware_of(message.autopilot)
+        if firmware is None:
+            self.rejected[UNKNOWN] += 1
             return
-        guided = GUIDED_OF_PLANES_AND_ROVERS if message.type in PLANES_AND_ROVERS else GUIDED_OF_COPTERS
         beat = _Heartbeat(
             time_ns=self._now_ns,
             custom_mode=message.custom_mode,
-            # PX4 has its main mode in the third byte and its sub-mode in the fourth.
-            wanted_mode=PX4_OFFBOARD << 16 if px4 else guided,
-            px4=px4,
+            wanted_mode=firmware.guided_mode(message.type),
+            firmware=firmware,
             armed=bool(message.base_mode & ARMED),
             failsafe=message.system_status >= CRITICAL,
         )
         self._heartbeat = beat
-        if beat.custom_mode == beat.wanted_mode:
+        if beat.custom_mode == beat.wanted_mode.custom_mode:
             self._confirmed, self._taken_over, self._mode_requests = True, False, 0
         elif self._confirmed or self._mode_before_request not in {None, beat.custom_mode}:
             self._confirmed, self._taken_over, self._mode_before_request = False, True, None
@@ -214,10 +209,11 @@ class AutopilotVehicle:
         self._mode_before_request = beat.custom_mode
         # Some firmware does not know the command, some does not answer it, and some no longer knows the message.
         if self._command_is_unsupported or self._mode_requests % 2:
-            self._send(self._mavlink.set_mode_encode(self._target[0], CUSTOM_MODE_ENABLED, beat.wanted_mode))
+            self._send(
+                self._mavlink.set_mode_encode(self._target[0], CUSTOM_MODE_ENABLED, beat.wanted_mode.custom_mode)
+            )
         else:
-            mode = PX4_OFFBOARD if beat.px4 else beat.wanted_mode
-            self._command(DO_SET_MODE, CUSTOM_MODE_ENABLED, mode)
+            self._command(DO_SET_MODE, CUSTOM_MODE_ENABLED, beat.wanted_mode.command_mode)
         self._mode_requests += 1
 
     def _ask_for_positions(self) -> None:

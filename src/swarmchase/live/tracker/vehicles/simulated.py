@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 
 from ....errors import InputError
-from ...link.messages import Metres, TrackerMode
+from ...link.messages import Metres, PositionReport, TrackerMode
+from .kind import VehicleDetails, VehicleKind
 
 LONGEST_STEP_S = 0.02
 LONGEST_UPDATE_S = 1.0
@@ -126,3 +127,13 @@ def _times(vector: Metres, factor: float) -> Metres:
 def _shortened(vector: Metres, longest: float) -> Metres:
     length = math.hypot(*vector)
     return vector if length <= longest else _times(vector, longest / length)
+
+
+def _open(_place: str, details: VehicleDetails) -> SimulatedVehicle:
+    if details.position_m is None:
+        raise InputError("a simulated vehicle starts somewhere: give --position-m X Y Z")
+    PositionReport(0, 0, details.position_m)  # refuses what is no position
+    return SimulatedVehicle(details.position_m)
+
+
+KIND = VehicleKind(scheme="simulated", place="", open=_open)

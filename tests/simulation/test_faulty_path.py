@@ -1,7 +1,6 @@
-"""The in-process link: what each fault does to the messages, and that the seed decides."""
+"""The path that fails: what each fault does to what is sent over it, and that the seed decides."""
 
 import itertools
-from collections.abc import Sequence
 from random import Random
 from typing import Any
 
@@ -9,22 +8,10 @@ import pytest
 
 from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
-from swarmchase.live.link.memory_link import MemoryNetwork
-from swarmchase.live.link.messages import Heartbeat, Message, SetPoint, TrackerMode
-from swarmchase.live.link.protocol import Link
+from swarmchase.scenario import NUM_TRACKERS
+from swarmchase.simulation.fault_plan import FaultPlan
 from swarmchase.simulation.faulty_path import MOST_IN_FLIGHT, NO_FAULTS, Faults, FaultyPath
-
-
-def heartbeat(number: int, tracker: int = 0) -> Heartbeat:
-    return Heartbeat(tracker, number, TrackerMode.HOLDING)
-
-
-def set_point(number: int, tracker: int = 0) -> SetPoint:
-    return SetPoint(tracker, number, 0, (1.0, 2.0, 3.0))
-
-
-def numbers(messages: Sequence[Message]) -> list[int]:
-    return [message.time_ns for message in messages]
+from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork, VirtualSocket
 
 
 def arrivals(faults: Faults, num_messages: int, seed: int = 0, every_s: float = 0.01) -> list[tuple[float, int]]:
@@ -35,41 +22,71 @@ def arrivals(faults: Faults, num_messages: int, seed: int = 0, every_s: float = 
     return [(due_ns / 1e9, number) for due_ns, number in path.take(10**18)]
 
 
+def waiting(socket: VirtualSocket) -> list[tuple[int, Any]]:
+    """(number, from where) of the datagrams that have come to a socket of the network."""
+    come = []
+    while True:
+        try:
+            datagram, address = socket.recvfrom(100)
+        except BlockingIOError:
+            return come
+        come.append((int(datagram), address))
+
+
+def numbers(socket: VirtualSocket) -> list[int]:
+    return [number for number, _ in waiting(socket)]
+
+
+def send_up(network: VirtualNetwork, number: int, tracker: int) -> None:
+    network.trackers[tracker].sendto(b"%d" % number, CONTROLLER)
+
+
+def send_down(network: VirtualNetwork, number: int, tracker: int) -> None:
+    network.controller.sendto(b"%d" % number, ("tracker", tracker))
+
+
 def test_without_faults_everything_comes_at_once_and_in_order() -> None:
-    clock = VirtualClock()
-    network = MemoryNetwork(clock)
-    controller, trackers = network.controller_end(), [network.tracker_end(tracker) for tracker in range(6)]
-    ends: list[Link] = [controller, *trackers]
+    path = FaultyPath[int](NO_FAULTS, Random(0), 0)
+    for number in (3, 0, 7, 5):
+        path.put(number, 10)
+    assert path.take(9) == []
+    assert path.take(10) == [(10, 3), (10, 0), (10, 7), (10, 5)]
+    assert path.take(10) == []
+    assert path.overflows == 0
+
+
+def test_every_tracker_has_a_path_of_its_own_in_either_direction() -> None:
+    network = VirtualNetwork(VirtualClock(), FaultPlan(), "0")
     for tracker in (3, 0, 3, 5):
-        trackers[tracker].send(heartbeat(tracker, tracker))
-    assert sorted(numbers(controller.receive())) == [0, 3, 3, 5]
-    assert controller.receive() == []
-    for tracker in range(6):
-        controller.send(set_point(10 + tracker, tracker))
-    assert [numbers(end.receive()) for end in trackers] == [[10], [], [], [13], [], [15]], "only to those that dialled"
-    assert [end.rejected.total() for end in ends] == [0] * 7
+        send_up(network, tracker, tracker)
+    for tracker in (0, 3, 5):
+        send_down(network, 10 + tracker, tracker)
+    network.pass_on()
+    heard = waiting(network.controller)
+    assert sorted(number for number, _ in heard) == [0, 3, 3, 5]
+    assert all(address == ("tracker", number) for number, address in heard)
+    assert numbers(network.controller) == []
+    assert [numbers(socket) for socket in network.trackers] == [[10], [], [], [13], [], [15]]
 
 
 def test_the_controller_hears_all_trackers_in_the_order_of_coming() -> None:
     clock = VirtualClock()
-    network = MemoryNetwork(clock, faults=Faults(delay_s=1.0))
+    network = VirtualNetwork(clock, FaultPlan(Faults(delay_s=1.0)), "0")
     for number, tracker in enumerate((5, 0, 4, 1)):
-        network.tracker_end(tracker).send(heartbeat(number, tracker))
+        send_up(network, number, tracker)
         clock.advance(0.1)
-    assert network.controller_end().receive() == []
+    network.pass_on()
+    assert numbers(network.controller) == []
     clock.advance(1.0)
-    assert numbers(network.controller_end().receive()) == [0, 1, 2, 3]
+    network.pass_on()
+    assert numbers(network.controller) == [0, 1, 2, 3]
 
 
 def test_a_message_comes_when_its_delay_has_passed() -> None:
-    clock = VirtualClock(5_000_000_000)
-    network = MemoryNetwork(clock, faults=Faults(delay_s=0.03))
-    controller, tracker = network.controller_end(), network.tracker_end(2)
-    tracker.send(heartbeat(1, 2))
-    clock.advance(0.0299)
-    assert controller.receive() == []
-    clock.advance(0.0001)
-    assert numbers(controller.receive()) == [1]
+    path = FaultyPath[int](Faults(delay_s=0.03), Random(0), 5_000_000_000)
+    path.put(1, 5_000_000_000)
+    assert path.take(5_029_900_000) == []
+    assert path.take(5_030_000_000) == [(5_030_000_000, 1)]
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 1.0])
@@ -144,38 +161,31 @@ def test_outages_take_what_is_sent_or_would_come_within() -> None:
     assert lost == set(range(9, 20)) | set(range(29, 35))
 
 
-def test_a_cut_link_passes_nothing_and_forgets_what_was_under_way() -> None:
-    clock = VirtualClock()
-    network = MemoryNetwork(clock, faults=Faults(delay_s=0.1))
-    controller, cut, other = network.controller_end(), network.tracker_end(1), network.tracker_end(2)
-    cut.send(heartbeat(0, 1))
-    network.cut(1)
-    cut.send(heartbeat(1, 1))
-    other.send(heartbeat(2, 2))
-    clock.advance(0.2)
-    network.heal(1)
-    cut.send(heartbeat(3, 1))
-    clock.advance(0.2)
-    assert numbers(controller.receive()) == [2, 3]
-    controller.send(set_point(4, 1))
-    network.cut(1)
-    clock.advance(0.2)
-    assert cut.receive() == []
+def test_a_cut_path_passes_nothing_and_forgets_what_was_under_way() -> None:
+    path = FaultyPath[int](Faults(delay_s=0.1), Random(0), 0)
+    path.put(0, 0)
+    path.is_cut = True
+    path.put(1, 0)
+    assert path.take(200_000_000) == []
+    path.is_cut = False
+    path.put(2, 200_000_000)
+    assert [number for _, number in path.take(400_000_000)] == [2]
 
 
 def everything(seed: int) -> list[list[int]]:
     """What six trackers and the controller hear in 3 s of all faults at once."""
     faults = Faults(0.1, 0.1, 5.0, 0.05, 0.04, 0.1, 0.1, 0.2, 0.1, ((1.0, 1.2),))
     clock = VirtualClock()
-    network = MemoryNetwork(clock, seed, faults)
-    ends: list[Link] = [network.controller_end(), *(network.tracker_end(tracker) for tracker in range(6))]
+    network = VirtualNetwork(clock, FaultPlan(faults), str(seed))
+    ends = [network.controller, *network.trackers]
     heard: list[list[int]] = [[] for _ in ends]
     for number in range(300):
-        for tracker in range(6):
-            ends[1 + tracker].send(heartbeat(number, tracker))
-            ends[0].send(set_point(number, tracker))
-        for end, messages in zip(ends, heard, strict=True):
-            messages.extend(numbers(end.receive()))
+        for tracker in range(NUM_TRACKERS):
+            send_up(network, number, tracker)
+            send_down(network, number, tracker)
+        network.pass_on()
+        for end, come in zip(ends, heard, strict=True):
+            come.extend(numbers(end))
         clock.advance(0.01)
     return heard
 
@@ -189,87 +199,24 @@ def test_the_seed_decides() -> None:
 
 def test_one_path_s_traffic_does_not_change_another_s() -> None:
     def heard(num_others: int) -> list[int]:
-        clock = VirtualClock()
-        network = MemoryNetwork(clock, 4, Faults(loss=0.3))
-        controller, tracker = network.controller_end(), network.tracker_end(3)
+        network = VirtualNetwork(VirtualClock(), FaultPlan(Faults(loss=0.3)), "4")
         for number in range(100):
             for other in range(num_others):
-                network.tracker_end(other).send(heartbeat(number, other))
-            tracker.send(heartbeat(number, 3))
-        return numbers([message for message in controller.receive() if message.tracker == 3])
+                send_up(network, number, other)
+            send_up(network, number, 3)
+        network.pass_on()
+        return [number for number, address in waiting(network.controller) if address == ("tracker", 3)]
 
     assert heard(0) == heard(3)
     assert 50 < len(heard(0)) < 90
 
 
-def test_replays_are_dropped_and_counted_if_the_link_is_to_do_so_also_after_a_restart() -> None:
-    clock = VirtualClock()
-    faults = Faults(delay_s=0.01, duplication=0.3, reordering=0.2, replay=0.3)
-    network = MemoryNetwork(clock, 1, faults, drops_replays=True)
-    tracker = network.tracker_end(0)
-    heard: list[int] = []
-    num_rejected = 0
-    for start in (0, 200):
-        controller = network.controller_end()
-        for number in range(start, start + 200):
-            tracker.send(heartbeat(number))
-            clock.advance(0.01)
-            heard += numbers(controller.receive())
-        assert set(controller.rejected) == {"replayed"}
-        num_rejected += controller.rejected["replayed"]
-    assert heard == sorted(set(heard))
-    assert len(heard) > 300
-    assert num_rejected > 150
-
-
 def test_a_full_path_gives_up_the_oldest_and_counts_them() -> None:
-    clock = VirtualClock()
-    network = MemoryNetwork(clock, faults=Faults(delay_s=1.0))
-    controller, tracker = network.controller_end(), network.tracker_end(0)
+    path = FaultyPath[int](Faults(delay_s=1.0), Random(0), 0)
     for number in range(MOST_IN_FLIGHT + 7):
-        tracker.send(heartbeat(number))
-    clock.advance(1.0)
-    assert numbers(controller.receive()) == list(range(7, MOST_IN_FLIGHT + 7))
-    controller.receive()
-    assert controller.rejected == {"overflow": 7}
-
-
-def test_restarted_controllers_have_to_be_dialled_anew() -> None:
-    network = MemoryNetwork(VirtualClock())
-    tracker = network.tracker_end(0)
-    tracker.send(heartbeat(0))
-    assert numbers(network.controller_end().receive()) == [0]
-    restarted = network.controller_end()
-    restarted.send(set_point(1))
-    assert tracker.receive() == []
-    tracker.send(heartbeat(2))
-    restarted.receive()
-    restarted.send(set_point(3))
-    assert numbers(tracker.receive()) == [3]
-
-
-def test_closed_ends_say_and_hear_nothing() -> None:
-    network = MemoryNetwork(VirtualClock())
-    controller, tracker = network.controller_end(), network.tracker_end(0)
-    tracker.send(heartbeat(0))
-    controller.receive()
-    controller.send(set_point(1))
-    tracker.close()
-    assert tracker.receive() == []
-    tracker.send(heartbeat(2))
-    assert controller.receive() == []
-
-
-def test_ends_say_only_what_is_theirs() -> None:
-    network = MemoryNetwork(VirtualClock())
-    with pytest.raises(TypeError, match="controller does not send a Heartbeat"):
-        network.controller_end().send(heartbeat(0))
-    with pytest.raises(TypeError, match="tracker does not send a SetPoint"):
-        network.tracker_end(0).send(set_point(0))
-    with pytest.raises(ValueError, match="tracker 1 does not speak for tracker 0"):
-        network.tracker_end(1).send(heartbeat(0))
-    with pytest.raises(InputError, match="tracker = 6"):
-        network.tracker_end(6)
+        path.put(number, 0)
+    assert [number for _, number in path.take(1_000_000_000)] == list(range(7, MOST_IN_FLIGHT + 7))
+    assert path.overflows == 7
 
 
 @pytest.mark.parametrize(

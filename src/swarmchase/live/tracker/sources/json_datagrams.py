@@ -1,0 +1,65 @@
+"""JSON records in UDP datagrams; ``json_records`` says what a record is."""
+
+from collections import Counter
+
+from ...address import LOOPBACK, host_and_port
+from ...link.udp_socket import bound_udp_socket
+from .json_records import JsonRecords
+from .kind import SourceDetails, SourceKind
+from .protocol import MOST_PER_READ, Sample
+
+READ_BYTES = 65536
+
+
+class JsonDatagramSource:
+    """Datagrams of one record or of several lines, from anybody who can reach the port.
+
+    Raises:
+        InputError: the address cannot be had.
+    """
+
+    def __init__(self, port: int, host: str = LOOPBACK, same_clock: bool = False) -> None:
+        self._records = JsonRecords(same_clock)
+        self._socket = bound_udp_socket(host, port)
+
+    @property
+    def port(self) -> int:
+        """Where it listens: found by the system where 0 was asked for."""
+        return int(self._socket.getsockname()[1])
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """How many lines were dropped, by reason."""
+        return self._records.rejected
+
+    def read(self, now_ns: int) -> list[Sample]:
+        """The samples that have come."""
+        samples: list[Sample] = []
+        for line in self._lines():
+            sample = self._records.sample(line, now_ns)
+            if sample is not None:
+                samples.append(sample)
+        return samples
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _lines(self) -> list[bytes]:
+        """Of as many datagrams as make up so many lines; the rest waits for the next call."""
+        lines: list[bytes] = []
+        while len(lines) < MOST_PER_READ:
+            try:
+                # A datagram without a line counts as one, or a flood of them would be read for ever.
+                lines.extend(self._socket.recv(READ_BYTES).strip().split(b"\n"))
+            except OSError:  # nothing waits
+                break
+        return lines
+
+
+def _open(place: str, details: SourceDetails) -> JsonDatagramSource:
+    host, port = host_and_port(place, LOOPBACK)
+    return JsonDatagramSource(port, host, details.same_clock)
+
+
+KIND = SourceKind(scheme="udp", place="PORT", open=_open)

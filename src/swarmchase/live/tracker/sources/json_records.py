@@ -1,0 +1,85 @@
+r"""Records that a receiver, a microcontroller or a bridge prints, one JSON object a line or a datagram.
+
+    {"rssi_dbm": -61.5, "time_ns": 1234567890}
+
+``rssi_dbm`` is a number, or null where the receiver has no level; ``time_ns``, or ``time_s``, is optional and of the
+sender's own clock. Other fields are ignored. An ESP32 prints such lines to its serial port; an MQTT broker's messages
+come with ``mosquitto_sub -t rssi | swarmchase tracker ...`` or over UDP. Nothing here is authenticated: UDP is bound
+to loopback unless told otherwise.
+"""
+
+import json
+import math
+from collections import Counter
+from typing import Any
+
+from .protocol import Sample
+from .sender_clock import SenderClock
+
+LONGEST_LINE_BYTES = 4096
+
+
+class JsonRecords:
+    """Turns lines into samples and counts those that are none.
+
+    Args:
+        same_clock: the sender's times are of the clock that ``read`` is given (another process of this machine);
+            otherwise the offset is estimated.
+    """
+
+    def __init__(self, same_clock: bool = False) -> None:
+        self.rejected: Counter[str] = Counter()
+        self._sender_clock = None if same_clock else SenderClock()
+
+    def sample(self, line: bytes, now_ns: int) -> Sample | None:
+        """The sample in the line; None where there is none."""
+        record = parse_record(line)
+        if record is None:
+            self.rejected["no record"] += 1
+            return None
+        rssi_dbm, sender_ns = record
+        if sender_ns is None:
+            return now_ns, rssi_dbm
+        if self._sender_clock is None:
+            return sender_ns, rssi_dbm
+        return self._sender_clock.local_ns(sender_ns, now_ns), rssi_dbm
+
+
+def parse_record(line: bytes) -> tuple[float, int | None] | None:
+    """(rssi_dbm, the sender's time in nanoseconds or None), or None where the line is no record. Never raises."""
+    if len(line) > LONGEST_LINE_BYTES:
+        return None
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict) or "rssi_dbm" not in record:
+        return None
+    try:
+        return _level_dbm(record["rssi_dbm"]), _time_ns(record)
+    except ValueError:
+        return None
+
+
+def _level_dbm(value: Any) -> float:
+    """NaN for null, and for a whole number that is too large for a float."""
+    try:
+        return math.nan if value is None else float(_number(value))
+    except OverflowError:
+        return math.nan
+
+
+def _time_ns(record: dict[str, Any]) -> int | None:
+    for name, nanoseconds in (("time_ns", 1), ("time_s", 10**9)):
+        if record.get(name) is not None:
+            time = _number(record[name])
+            if not 0 <= time < 2**63 / nanoseconds:
+                raise ValueError(name)
+            return round(time * nanoseconds)
+    return None
+
+
+def _number(value: Any) -> int | float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(value)
+    return value
