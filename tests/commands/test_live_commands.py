@@ -35,7 +35,7 @@ from swarmchase.live.log.verification import verify
 from swarmchase.live.service.loop import percentile_ms
 from swarmchase.live.service.operator_words import OperatorWords
 from swarmchase.live.service.safety import SafetyLimits
-from swarmchase.live.service.service import ServiceSettings
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.live.service.state_folder import UNIX_TIME_OF_2025_S, default_state_folder, next_epoch
 from swarmchase.live.ticker import next_moment_ns
 from swarmchase.live.tracker.agent import AgentSettings

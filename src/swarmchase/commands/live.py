@@ -50,7 +50,7 @@ class LiveCommand(ScenarioOptions):
         """Chase, and say how it ended."""
         from ..live.audience import AudienceOptions
         from ..live.service.operator_words import OperatorWords
-        from ..live.service.service import ServiceSettings
+        from ..live.service.settings import ServiceSettings
         from ..live.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
         from ..simulation.live_chase import LiveChase, run_live_chase

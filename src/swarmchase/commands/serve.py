@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..live.link.mavlink import ControllerMavlinkLink
     from ..live.service.loop import ServeSummary, Tell
     from ..live.service.safety import SafetyLimits
-    from ..live.service.service import ServiceSettings
+    from ..live.service.settings import ServiceSettings
     from ..live.stop_request import StopRequest
     from ..scenario import Scenario
 
@@ -134,7 +134,7 @@ class ServeCommand(ScenarioOptions, LinkOptions):
 
     def settings(self) -> "ServiceSettings":
         """The service's settings that the options say."""
-        from ..live.service.service import ServiceSettings
+        from ..live.service.settings import ServiceSettings
 
         return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
 

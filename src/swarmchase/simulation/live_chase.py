@@ -23,7 +23,8 @@ from ..live.log.entries import new_head
 from ..live.service.chase_state import ChaseState, Snapshot
 from ..live.service.loop import ServeLoop, ServeSummary, Tell, Words
 from ..live.service.safety import SafetyLimits
-from ..live.service.service import ControllerService, ServiceSettings
+from ..live.service.service import ControllerService
+from ..live.service.settings import ServiceSettings
 from ..live.service.state_folder import next_epoch
 from ..live.stop_request import StopRequest
 from ..scenario import Scenario
