@@ -50,10 +50,12 @@ class LiveCommand(ScenarioOptions):
         """Chase, and say how it ended."""
         from ..live.audience import AudienceOptions
         from ..live.service.operator_words import OperatorWords
+        from ..live.service.safety import SafetyLimits
         from ..live.service.settings import ServiceSettings
+        from ..live.session import Assignment
         from ..live.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
-        from ..simulation.live_chase import LiveChase, run_live_chase
+        from ..simulation.live_chase import run_live_chase
         from .serve import ready_controller
 
         if self.seed < 0 or self.chase < 0:
@@ -62,10 +64,10 @@ class LiveCommand(ScenarioOptions):
         settings = ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
         controller = ready_controller(self.controller, scenario, self.seed)
         audience = AudienceOptions(None if self.headless else self.page, self._log_path())
-        live = LiveChase(scenario, self.controller, self.seed, self.chase, plan, settings, audience)
+        assignment = Assignment(scenario, self.controller, self.seed, self.chase, SafetyLimits(), settings, audience)
         words = [OperatorWords(STANDARD_INPUT).read]
         with line_printer() as tell, stop_request() as request:
-            summary = run_live_chase(live, controller, words, request, tell, linger=not self.headless)
+            summary = run_live_chase(assignment, plan, controller, words, request, tell, linger=not self.headless)
         CONSOLE.print(_table(summary))
         CONSOLE.print(f"See it again: swarmchase replay {audience.log}", markup=False, soft_wrap=True)
         if self.json:
