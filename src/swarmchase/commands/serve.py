@@ -7,21 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
-from .options import LinkOptions, ScenarioOptions, fields_from
+from .options import LinkOptions, ScenarioOptions, ServiceOptions, fields_from
 from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
     from ..live.service.safety import SafetyLimits
-    from ..live.service.settings import ServiceSettings
     from ..scenario import Scenario
 
 STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeCommand(ScenarioOptions, LinkOptions):
+class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
     reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
 
@@ -37,26 +37,6 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     Without it the service ends, and they do what they do without a controller."""
     seed: int = 0
     """Of the controller's own random choices."""
-    minimum_trackers: int = 4
-    """With fewer that are heard and can be commanded, the service holds."""
-    reached_windows: int = 2
-    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
-    fence_west_m: float = -200.0
-    """Lowest x of any tracker; x is east, y north, z up, from the origin that all trackers share."""
-    fence_east_m: float = 200.0
-    """Highest x."""
-    fence_south_m: float = -200.0
-    """Lowest y."""
-    fence_north_m: float = 200.0
-    """Highest y."""
-    lowest_altitude_m: float = -150.0
-    """Lowest z: set it to what lies above the ground."""
-    highest_altitude_m: float = 150.0
-    """Highest z."""
-    highest_speed_mps: float = 5.0
-    """Of any tracker's set-points."""
-    minimum_separation_m: float = 1.0
-    """Of any two trackers."""
     page: str | None = None
     """HOST:PORT of a page to watch and command the chase; beyond this machine its address holds a token."""
     log: Path | None = None
@@ -101,12 +81,6 @@ class ServeCommand(ScenarioOptions, LinkOptions):
         from ..live.service.safety import SafetyLimits
 
         return SafetyLimits(**fields_from(self, SafetyLimits))
-
-    def settings(self) -> "ServiceSettings":
-        """The service's settings that the options say."""
-        from ..live.service.settings import ServiceSettings
-
-        return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
 
 
 def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller":

@@ -8,15 +8,23 @@ from ...scenario import NUM_TRACKERS
 
 
 @dataclass(frozen=True)
-class ServiceSettings:
+class OperatorSettings:
+    """Those that commands offer as options."""
+
+    minimum_trackers: int = 4
+    """With fewer that are heard and can be commanded, the service holds."""
+    reached_windows: int = 2
+    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
+
+
+@dataclass(frozen=True)
+class ServiceSettings(OperatorSettings):
     """How the service runs a chase.
 
     Raises:
         InputError: a number of trackers or windows, a length or a time that cannot be.
     """
 
-    minimum_trackers: int = 4
-    """Trackers that must be commanded and heard; with fewer it holds."""
     connect_wait_s: float = 2.0
     """With enough trackers it waits so long for the others before it begins."""
     arrival_tolerance_m: float = 0.3
@@ -30,8 +38,6 @@ class ServiceSettings:
     missing."""
     retry_s: float = 1.0
     """After the controller's failure it holds for so long."""
-    reached_windows: int = 2
-    """Windows by which ``NearnessJudge`` declares the target reached; 0: only the operator does."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.minimum_trackers <= NUM_TRACKERS:
