@@ -17,7 +17,8 @@ from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, SetPoint, TrackerMode
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
 from swarmchase.live.service.safety import SafetyLimits, formation_m
-from swarmchase.live.service.service import ControllerService, ServiceSettings
+from swarmchase.live.service.service import ControllerService
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.environment import Environment, State

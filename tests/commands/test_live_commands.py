@@ -25,6 +25,7 @@ pytest.importorskip("uvicorn", reason="the page needs uvicorn: pip install swarm
 
 from swarmchase.cli import main
 from swarmchase.commands.keys import KeysCommand
+from swarmchase.commands.live import LiveCommand
 from swarmchase.commands.serve import ServeCommand
 from swarmchase.commands.tracker import TrackerCommand
 from swarmchase.live.link.keys import new_keys, read_keys, write_keys
@@ -33,9 +34,9 @@ from swarmchase.live.link.messages import Heartbeat, PositionReport, TrackerMode
 from swarmchase.live.log.recording import read_recording
 from swarmchase.live.log.verification import verify
 from swarmchase.live.service.loop import percentile_ms
-from swarmchase.live.service.operator_words import OperatorWords
+from swarmchase.live.service.operator_words import OperatorWord, OperatorWords
 from swarmchase.live.service.safety import SafetyLimits
-from swarmchase.live.service.service import ServiceSettings
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.live.service.state_folder import UNIX_TIME_OF_2025_S, default_state_folder, next_epoch
 from swarmchase.live.ticker import next_moment_ns
 from swarmchase.live.tracker.agent import AgentSettings
@@ -488,7 +489,7 @@ def test_bad_input_is_one_line(
     ],
 )
 def test_options_offer_what_the_parts_know(command: Any, kind: Any) -> None:
-    """Written twice, since importing them would need torch or numpy for --help."""
+    """Written twice where importing them would need torch or numpy for --help."""
     for field in dataclasses.fields(kind):
         assert getattr(command, field.name) == field.default, field.name
 
@@ -539,6 +540,15 @@ def test_words_come_whole_and_end_with_the_input() -> None:
     assert words.read() == ["abort"]
     assert words.read() == []
     os.close(reader)
+
+
+def test_help_and_document_name_every_word() -> None:
+    document = (Path(__file__).parents[2] / "docs" / "live.md").read_text()
+    for word in OperatorWord:
+        assert re.search(rf"\b{word}\b", ServeCommand.__doc__ or ""), word
+        assert f"`{word}`" in document, word
+        if word is not OperatorWord.START:  # a simulated chase starts by itself
+            assert re.search(rf"\b{word}\b", LiveCommand.__doc__ or ""), word
 
 
 def test_percentiles_are_by_nearest_rank() -> None:

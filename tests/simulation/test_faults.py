@@ -33,7 +33,8 @@ from swarmchase.live.link.packet import PacketWriter
 from swarmchase.live.link.timestamps import Timestamps
 from swarmchase.live.service.chase_state import ChaseState, Decision, Snapshot, Transition
 from swarmchase.live.service.safety import SafetyLimits
-from swarmchase.live.service.service import ControllerService, ServiceSettings
+from swarmchase.live.service.service import ControllerService
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.live.tracker.vehicles import VehicleLimits
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario

@@ -9,7 +9,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 
 from swarmchase import load_controller, paper_scenario
 from swarmchase.live.chronicle import Chronicle
-from swarmchase.live.service.service import ServiceSettings
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from ..errors import InputError
 from ..files import require_writable_folder
-from .options import ScenarioOptions
+from .options import ScenarioOptions, ServiceOptions
 from .terminal import CONSOLE, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveCommand(ScenarioOptions):
+class LiveCommand(ServiceOptions, ScenarioOptions):
     """Chase a simulated target with six tracker processes, a link that can fail, the controller service and its page,
     in real time. Standard input takes the words of swarmchase serve: hold, resume, reached, abort, quit."""
 
@@ -39,10 +39,6 @@ class LiveCommand(ScenarioOptions):
     """No page."""
     log: Path | None = None
     """A new file for the log; default is one named after the time, in live-output/."""
-    reached_windows: int = 2
-    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
-    minimum_trackers: int = 4
-    """With fewer that are heard and can be commanded, the service holds."""
     json: bool = False
     """Print how the chase ended as one JSON object on standard output."""
 
@@ -50,22 +46,23 @@ class LiveCommand(ScenarioOptions):
         """Chase, and say how it ended."""
         from ..live.audience import AudienceOptions
         from ..live.service.operator_words import OperatorWords
-        from ..live.service.service import ServiceSettings
+        from ..live.service.safety import SafetyLimits
+        from ..live.session import Assignment
         from ..live.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
-        from ..simulation.live_chase import LiveChase, run_live_chase
+        from ..simulation.live_chase import run_live_chase
         from .serve import ready_controller
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
         plan, scenario = fault_plan(self.faults), self.scenario()
-        settings = ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
+        settings = self.settings()
         controller = ready_controller(self.controller, scenario, self.seed)
         audience = AudienceOptions(None if self.headless else self.page, self._log_path())
-        live = LiveChase(scenario, self.controller, self.seed, self.chase, plan, settings, audience)
+        assignment = Assignment(scenario, self.controller, self.seed, self.chase, SafetyLimits(), settings, audience)
         words = [OperatorWords(STANDARD_INPUT).read]
         with line_printer() as tell, stop_request() as request:
-            summary = run_live_chase(live, controller, words, request, tell, linger=not self.headless)
+            summary = run_live_chase(assignment, plan, controller, words, request, tell, linger=not self.headless)
         CONSOLE.print(_table(summary))
         CONSOLE.print(f"See it again: swarmchase replay {audience.log}", markup=False, soft_wrap=True)
         if self.json:

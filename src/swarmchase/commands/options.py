@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError
 from ..files import require_writable_folder
+from ..live.service.settings import OperatorSettings, ServiceSettings
 from ..scenario import Scenario
 
 if TYPE_CHECKING:
@@ -99,6 +100,19 @@ class LinkOptions:
         folder = default_state_folder() if self.state_folder is None else self.state_folder
         require_writable_folder(folder)
         return folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceOptions(OperatorSettings):
+    """How the controller service runs a chase."""
+
+    def settings(self) -> ServiceSettings:
+        """The service's settings that these options say.
+
+        Raises:
+            InputError: a value that is refused.
+        """
+        return ServiceSettings(**fields_from(self, OperatorSettings))
 
 
 def fields_from(command: Any, kind: Any) -> dict[str, Any]:

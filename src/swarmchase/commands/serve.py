@@ -1,29 +1,27 @@
 """``swarmchase serve``: the controller service, for trackers that dial in."""
 
+import contextlib
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
-from .options import LinkOptions, ScenarioOptions, fields_from
+from .options import LinkOptions, ScenarioOptions, ServiceOptions, fields_from
 from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
-    from ..live.link.mavlink import ControllerMavlinkLink
-    from ..live.service.loop import ServeSummary, Tell
     from ..live.service.safety import SafetyLimits
-    from ..live.service.service import ServiceSettings
-    from ..live.stop_request import StopRequest
     from ..scenario import Scenario
 
 STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeCommand(ScenarioOptions, LinkOptions):
+class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
     reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
 
@@ -39,26 +37,6 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     Without it the service ends, and they do what they do without a controller."""
     seed: int = 0
     """Of the controller's own random choices."""
-    minimum_trackers: int = 4
-    """With fewer that are heard and can be commanded, the service holds."""
-    reached_windows: int = 2
-    """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
-    fence_west_m: float = -200.0
-    """Lowest x of any tracker; x is east, y north, z up, from the origin that all trackers share."""
-    fence_east_m: float = 200.0
-    """Highest x."""
-    fence_south_m: float = -200.0
-    """Lowest y."""
-    fence_north_m: float = 200.0
-    """Highest y."""
-    lowest_altitude_m: float = -150.0
-    """Lowest z: set it to what lies above the ground."""
-    highest_altitude_m: float = 150.0
-    """Highest z."""
-    highest_speed_mps: float = 5.0
-    """Of any tracker's set-points."""
-    minimum_separation_m: float = 1.0
-    """Of any two trackers."""
     page: str | None = None
     """HOST:PORT of a page to watch and command the chase; beyond this machine its address holds a token."""
     log: Path | None = None
@@ -69,74 +47,40 @@ class ServeCommand(ScenarioOptions, LinkOptions):
     def run(self) -> None:
         """Serve, and say how it ended."""
         from ..live.address import host_and_port
+        from ..live.audience import AudienceOptions
         from ..live.link.mavlink import ControllerMavlinkLink
+        from ..live.service.operator_words import OperatorWords
         from ..live.service.state_folder import next_epoch
+        from ..live.session import Assignment, Session
         from ..live.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
         controller = ready_controller(self.controller, scenario, self.seed)
+        audience = AudienceOptions(self.page, self.log)
+        assignment = Assignment(scenario, self.controller, self.seed, 0, limits, settings, audience)
         folder = self.folder()
         with line_printer() as tell, stop_request() as request:
             # The state file keeps a second service of this folder out; so nobody else takes the same epoch.
             state_path = folder / "controller.timestamps"
             link = ControllerMavlinkLink(host, port, keys, state_path=state_path, unsigned=self.unsigned)
-            try:
+            with contextlib.closing(link):
                 epoch = next_epoch(folder / "controller.epoch")
-                summary = self._serve(scenario, controller, link, limits, settings, epoch, request, tell)
-            finally:
-                link.close()
+                with contextlib.closing(Session(assignment, controller, link, epoch, tell)) as session:
+                    tell("Listening on {}:{}, ".format(*link.address) + f"controller {controller.name}, epoch {epoch}.")
+                    if not self.start:
+                        tell("Waiting for the word start.")
+                    words = [OperatorWords(STANDARD_INPUT).read]
+                    summary = session.run(words, request, starts=self.start, stay=self.stay)
             tell(f"Ended {summary.state} after {summary.movements} movements: {summary.reason}.")
         if self.json:
             print_json(dataclasses.asdict(summary))
-
-    def _serve(
-        self,
-        scenario: "Scenario",
-        controller: "Controller",
-        link: "ControllerMavlinkLink",
-        limits: "SafetyLimits",
-        settings: "ServiceSettings",
-        epoch: int,
-        request: "StopRequest",
-        tell: "Tell",
-    ) -> "ServeSummary":
-        from ..live.audience import Audience, AudienceOptions
-        from ..live.clock import MonotonicClock
-        from ..live.log.entries import new_head
-        from ..live.service.loop import ServeLoop
-        from ..live.service.operator_words import OperatorWords
-        from ..live.service.service import ControllerService
-
-        clock, chase = MonotonicClock(), 0
-        head = new_head(self.controller, scenario, self.seed, chase, epoch, limits, clock.now_ns())
-        audience = Audience(AudienceOptions(self.page, self.log), head, link, tell)
-        service = ControllerService(
-            scenario, controller, link, clock, limits, audience.journal, epoch, self.seed, chase, settings
-        )
-        tell("Listening on {}:{}, ".format(*link.address) + f"controller {controller.name}, epoch {epoch}.")
-        if self.start:
-            service.start()
-        else:
-            tell("Waiting for the word start.")
-        words = [OperatorWords(STANDARD_INPUT).read, *audience.words]
-        loop = ServeLoop(service, link, audience.journal, words, request, tell, audience.watchers, self.stay)
-        try:
-            return loop.run()
-        finally:
-            audience.close()
 
     def limits(self) -> "SafetyLimits":
         """The safety limits that the options say."""
         from ..live.service.safety import SafetyLimits
 
         return SafetyLimits(**fields_from(self, SafetyLimits))
-
-    def settings(self) -> "ServiceSettings":
-        """The service's settings that the options say."""
-        from ..live.service.service import ServiceSettings
-
-        return ServiceSettings(minimum_trackers=self.minimum_trackers, reached_windows=self.reached_windows)
 
 
 def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller":

@@ -14,17 +14,13 @@ from pathlib import Path
 from ..controllers.protocol import Controller
 from ..errors import WorkerDiedError
 from ..live.address import LOOPBACK
-from ..live.audience import Audience, AudienceOptions
-from ..live.clock import MonotonicClock
 from ..live.link.keys import new_keys, write_keys
 from ..live.link.mavlink import ControllerMavlinkLink
 from ..live.link.messages import Metres
-from ..live.log.entries import new_head
 from ..live.service.chase_state import ChaseState, Snapshot
-from ..live.service.loop import ServeLoop, ServeSummary, Tell, Words
-from ..live.service.safety import SafetyLimits
-from ..live.service.service import ControllerService, ServiceSettings
+from ..live.service.loop import ServeSummary, Tell, Words
 from ..live.service.state_folder import next_epoch
+from ..live.session import Assignment, Session
 from ..live.stop_request import StopRequest
 from ..scenario import Scenario
 from .fault_plan import FaultPlan
@@ -32,19 +28,6 @@ from .stage import READY_S, Announcement, Failure, Play, Ready, Truth, run_stage
 
 END_S = 15.0
 """So long the stage may take to end six processes."""
-
-
-@dataclass(frozen=True)
-class LiveChase:
-    """What is to be chased, and how."""
-
-    scenario: Scenario
-    controller: str
-    seed: int
-    chase: int
-    plan: FaultPlan
-    settings: ServiceSettings
-    audience: AudienceOptions
 
 
 @dataclass(frozen=True)
@@ -134,11 +117,18 @@ class _Progress:
 
 
 def run_live_chase(
-    live: LiveChase, controller: Controller, words: Sequence[Words], request: StopRequest, tell: Tell, linger: bool
+    assignment: Assignment,
+    plan: FaultPlan,
+    controller: Controller,
+    words: Sequence[Words],
+    request: StopRequest,
+    tell: Tell,
+    linger: bool,
 ) -> LiveSummary:
     """Chase until it has ended.
 
     Args:
+        plan: what goes wrong.
         controller: ready to decide.
         linger: go on showing the page after the end, until the request is made.
 
@@ -146,60 +136,35 @@ def run_live_chase(
         InputError: the page's or the log's place cannot be had.
         WorkerDiedError: a process of the simulated site has died.
     """
+    scenario, seed, chase = assignment.scenario, assignment.seed, assignment.chase
     with tempfile.TemporaryDirectory(prefix="swarmchase-live-") as name:
         folder = Path(name)
         keys = new_keys()
         for tracker, key in keys.items():
             write_keys(folder / f"tracker-{tracker}.keys", {tracker: key})
-        limits, epoch = SafetyLimits(), next_epoch(folder / "controller.epoch")
+        epoch = next_epoch(folder / "controller.epoch")
         link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / "controller.timestamps")
         stage: Stage | None = None
-        audience: Audience | None = None
+        session: Session | None = None
         try:
-            head = new_head(
-                live.controller, live.scenario, live.seed, live.chase, epoch, limits, MonotonicClock().now_ns()
-            )
-            audience = Audience(live.audience, head, link, tell, lambda: _target_m(stage))
-            stage = Stage(Play(live.scenario, live.seed, live.chase, live.plan, link.address[1], folder))
+            session = Session(assignment, controller, link, epoch, tell, lambda: _target_m(stage))
+            stage = Stage(Play(scenario, seed, chase, plan, link.address[1], folder))
             tell("Six trackers are starting.")
             stage.wait(lambda: request.made)
-            progress = _Progress(stage, live.scenario)
-            service = ControllerService(
-                live.scenario,
-                controller,
-                link,
-                MonotonicClock(),
-                limits,
-                audience.journal,
-                epoch,
-                live.seed,
-                live.chase,
-                live.settings,
-            )
-            if not request.made:
-                service.start()
-            loop = ServeLoop(
-                service,
-                link,
-                audience.journal,
-                [*words, *audience.words],
-                request,
-                tell,
-                [stage.watch, progress, *audience.watchers],
-            )
-            summary = loop.run()
-            told = _summary(summary, stage, live.scenario, progress.movements_to_target)
+            progress = _Progress(stage, scenario)
+            summary = session.run(words, request, starts=not request.made, watchers=[stage.watch, progress])
+            told = _summary(summary, stage, scenario, progress.movements_to_target)
             stage.close()
             stage = None
             if linger and not request.made:
-                audience.show_recording()
+                session.show_recording()
                 tell("The page looks back at the chase until Ctrl-C.")
                 while not request.made:
                     time.sleep(0.1)
             return told
         finally:
-            if audience is not None:
-                audience.close()
+            if session is not None:
+                session.close()
             if stage is not None:
                 stage.close()
             link.close()

@@ -14,7 +14,8 @@ from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
 from ..live.link.messages import Metres, TrackerMode
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
-from ..live.service.service import ControllerService, Recorder, ServiceSettings
+from ..live.service.service import ControllerService, Recorder
+from ..live.service.settings import ServiceSettings
 from ..live.tracker.agent import AgentSettings, TrackerAgent
 from ..live.tracker.sources import Sample
 from ..live.tracker.vehicles import SimulatedVehicle

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,13 @@ def test_the_page_knows_the_words_of_the_loop() -> None:
     from swarmchase.live.service.loop import WORDS as WORDS_OF_THE_LOOP
 
     assert set(WORDS) == set(WORDS_OF_THE_LOOP)
+
+
+def test_the_buttons_say_words_of_the_loop() -> None:
+    script = (files("swarmchase.live.page") / "static" / "operator.js").read_text()
+    labels = re.findall(r"(\w+): \"", re.findall(r"LABELS = {(.*)}", script)[0])
+    said = [*labels, *re.findall(r"this\.tell\(\"(\w+)\"\)", script)]
+    assert sorted(said) == sorted(set(WORDS) - {"quit"})
 
 
 # Who may see it and speak

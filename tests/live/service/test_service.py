@@ -38,7 +38,8 @@ from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, Rs
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
 from swarmchase.live.service.nearness import NearnessJudge
 from swarmchase.live.service.safety import SafetyLimits, formation_m
-from swarmchase.live.service.service import ABORT_S, DEAF_WINDOWS, ControllerService, ServiceSettings
+from swarmchase.live.service.service import ABORT_S, DEAF_WINDOWS, ControllerService
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.environment import Environment, distance_to_target_m

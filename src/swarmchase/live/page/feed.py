@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..frame import Frame
+from ..service.operator_words import WORDS
 from .history import History, pack, unpack
 
-WORDS = ("start", "hold", "resume", "reached", "abort", "quit")
-"""What a browser may say; the serving loop knows the same."""
 MOST_WORDS = 100
 """That wait to be read; what comes after is dropped."""
 

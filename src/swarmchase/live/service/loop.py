@@ -12,6 +12,7 @@ from ..link.mavlink import ControllerMavlinkLink
 from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from .operator_words import WORDS, OperatorWord
 from .service import ABORT_S, ControllerService, Recorder
 
 STEPS_HZ = 20.0
@@ -21,7 +22,6 @@ TOLD_S = ABORT_S + 0.2
 """So long after the chase's end trackers have heard of it; the service speaks for ABORT_S."""
 MOST_LATENCIES = 10_000
 """No more than the newest of this many are kept."""
-WORDS = ("start", "hold", "resume", "reached", "abort", "quit")
 
 Tell = Callable[[str], None]
 """One line for people."""
@@ -95,6 +95,14 @@ class ServeLoop:
     ) -> None:
         self._service, self._link, self._journal, self._words = service, link, journal, words
         self._request, self._tell, self._watchers, self._stay = request, tell, watchers, stay
+        self._acts: dict[str, Callable[[], None]] = {
+            OperatorWord.START: service.start,
+            OperatorWord.HOLD: service.hold,
+            OperatorWord.RESUME: service.resume,
+            OperatorWord.REACHED: service.declare_reached,
+            OperatorWord.ABORT: service.abort,
+            OperatorWord.QUIT: self._quit,
+        }
         self._quits = False
         self._ended_s: float | None = None
         self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
@@ -110,7 +118,7 @@ class ServeLoop:
                 for word in words():
                     self._obey(word)
             if self._request.made and not self._quits:
-                self._obey("quit")
+                self._quit()
             latency_s = self.step()
             snapshot = self._service.snapshot()
             for watch in self._watchers:
@@ -152,23 +160,16 @@ class ServeLoop:
         return latency_s
 
     def _obey(self, word: str) -> None:
-        service = self._service
-        if word == "start":
-            service.start()
-        elif word == "hold":
-            service.hold()
-        elif word == "resume":
-            service.resume()
-        elif word == "reached":
-            service.declare_reached()
-        elif word == "abort":
-            service.abort()
-        elif word == "quit":
-            self._quits = True
-            if service.state in UNDER_WAY or service.state is ChaseState.IDLE:
-                service.abort()
-        else:
+        act = self._acts.get(word)
+        if act is None:
             self._tell(f"no word {word!r}; there are {', '.join(WORDS)}")
+        else:
+            act()
+
+    def _quit(self) -> None:
+        self._quits = True
+        if self._service.state in UNDER_WAY or self._service.state is ChaseState.IDLE:
+            self._service.abort()
 
     def _has_ended(self) -> bool:
         state = self._service.state

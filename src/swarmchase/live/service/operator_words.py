@@ -1,10 +1,31 @@
-"""What the operator types, a word a line."""
+"""The operator's words, and how they are typed: a word a line."""
 
 import os
 import select
+from enum import StrEnum
 
 LONGEST_LINE_BYTES = 1000
 READ_BYTES = 4096
+
+
+class OperatorWord(StrEnum):
+    """What there is to say, at a page or a terminal."""
+
+    START = "start"
+    """Begin to command trackers."""
+    HOLD = "hold"
+    """Stay until ``RESUME``."""
+    RESUME = "resume"
+    """Go on after ``HOLD``, or where the target was taken for reached and is not."""
+    REACHED = "reached"
+    """The target is seen."""
+    ABORT = "abort"
+    """Tell the trackers to hold, then nothing any more."""
+    QUIT = "quit"
+    """End: abort what is under way, leave what has ended."""
+
+
+WORDS = tuple(word.value for word in OperatorWord)
 
 
 class OperatorWords:

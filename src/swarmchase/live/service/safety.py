@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..link.messages import FARTHEST_M, FASTEST_MPS
+from .limit_values import LimitValues
 from .sample_window import Point, Points
 
 Legs = tuple[Points, ...]
@@ -35,32 +36,12 @@ DETOURS = (2.0, 4.0)
 
 
 @dataclass(frozen=True)
-class SafetyLimits:
-    """The operator's limits, in the local frame that all trackers share (x east, y north, z up).
-
-    The defaults leave room for a target 100 m from a start near the origin; altitudes count from the origin, so set the
-    lowest one to the ground's where there is any. In the paper's narrowest formation neighbours are 1.41 m apart.
+class SafetyLimits(LimitValues):
+    """The operator's limits, checked.
 
     Raises:
         InputError: a limit that cannot be, or an empty room.
     """
-
-    fence_west_m: float = -200.0
-    """Lowest x."""
-    fence_east_m: float = 200.0
-    """Highest x."""
-    fence_south_m: float = -200.0
-    """Lowest y."""
-    fence_north_m: float = 200.0
-    """Highest y."""
-    lowest_altitude_m: float = -150.0
-    """Lowest z."""
-    highest_altitude_m: float = 150.0
-    """Highest z."""
-    highest_speed_mps: float = 5.0
-    """Of any tracker."""
-    minimum_separation_m: float = 1.0
-    """Of any two trackers."""
 
     def __post_init__(self) -> None:
         for limit in fields(self):

@@ -12,7 +12,6 @@ steps.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -20,7 +19,6 @@ import torch
 from ...controllers.condition import Condition
 from ...controllers.explanation import Explaining, Explanation
 from ...controllers.protocol import Controller
-from ...errors import InputError
 from ...observation import Observation
 from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
@@ -28,8 +26,10 @@ from ..link.messages import SetPoint
 from ..link.protocol import Link
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from .nearness import NearnessJudge
-from .safety import Move, SafetyFilter, SafetyLimits, formation_m
-from .sample_window import Levels, Point, Points
+from .pace import StopAndListen, Window
+from .safety import Move, SafetyFilter, SafetyLimits
+from .sample_window import Point
+from .settings import ServiceSettings
 from .swarm import Swarm, metres
 
 Recorder = Callable[[Transition | Decision], None]
@@ -38,44 +38,6 @@ ABORT_S = 1.0
 """So long trackers are told to hold after ``abort``: one set-point alone may get lost."""
 DEAF_WINDOWS = 3
 """After so many windows in a row in which the controller heard nothing, something is wrong."""
-
-
-@dataclass(frozen=True)
-class ServiceSettings:
-    """How the service runs a chase.
-
-    Raises:
-        InputError: a number of trackers or windows, a length or a time that cannot be.
-    """
-
-    minimum_trackers: int = 4
-    """Trackers that must be commanded and heard; with fewer it holds."""
-    connect_wait_s: float = 2.0
-    """With enough trackers it waits so long for the others before it begins."""
-    arrival_tolerance_m: float = 0.3
-    """A tracker this near to its place has arrived."""
-    settle_s: float = 0.8
-    """Then it brakes and swings for a moment: samples count from so long after its arrival."""
-    move_allowance_s: float = 5.0
-    """A movement may take twice its shortest time and this."""
-    sampling_allowance_s: float = 2.0
-    """A window may take this much longer than its samples, from the first valid one on; what has not come by then is
-    missing."""
-    retry_s: float = 1.0
-    """After the controller's failure it holds for so long."""
-    reached_windows: int = 2
-    """Windows by which ``NearnessJudge`` declares the target reached; 0: only the operator does."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.minimum_trackers <= NUM_TRACKERS:
-            raise InputError(f"minimum_trackers = {self.minimum_trackers} is refused: allowed is 1 to {NUM_TRACKERS}")
-        if self.reached_windows < 0:
-            raise InputError(f"reached_windows = {self.reached_windows} is refused: allowed is 0 or more")
-        if not 0 < self.arrival_tolerance_m < math.inf:
-            raise InputError(f"arrival_tolerance_m = {self.arrival_tolerance_m} is refused: allowed is above 0")
-        for name in ("connect_wait_s", "settle_s", "move_allowance_s", "sampling_allowance_s", "retry_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 or more")
 
 
 class ControllerService:
@@ -107,8 +69,8 @@ class ControllerService:
         self._recorder, self._epoch = recorder, epoch
         self._settings = settings or ServiceSettings()
         self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
-        self._speed_mps = limits.highest_speed_mps
         self._swarm = Swarm(scenario, limits)
+        self._pace = StopAndListen(scenario, self._settings, self._swarm, limits.highest_speed_mps)
         self._judge = NearnessJudge(scenario, self._settings.reached_windows, self._settings.minimum_trackers)
         self.memory = controller.begin(1, seed, chase)
         """The controller's."""
@@ -116,14 +78,6 @@ class ControllerService:
         self._now_ns = self._last_step_ns = clock.now_ns()
         self._entered_ns = self._now_ns
         self._origin_m: Point | None = None
-        self._formation: Move | None = None
-        """What is flown to, or held."""
-        self._in_place = True
-        self._told_ns = self._now_ns
-        """When the trackers were first told the places that they are now flying to."""
-        self._since_ns = self._now_ns
-        """The window begins with the first valid sample taken then or later."""
-        self._move_s = 0.0
         self._movements = self._deaf_windows = self._recorder_failures = 0
         self._operator_holds = False
         self._retry_ns = self._now_ns
@@ -204,47 +158,25 @@ class ControllerService:
         if number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s:
             center_m, spacing_m = self._swarm.center_and_spacing_m()
             self._origin_m = center_m
-            self._formation = Move(center_m, spacing_m, (), "")
-            self._begin_sampling(f"{number} trackers are there")
-
-    def _begin_sampling(self, reason: str, since_ns: int | None = None) -> None:
-        """From this moment, or with what is taken after now."""
-        self._in_place, self._since_ns = True, self._now_ns + 1 if since_ns is None else since_ns
-        self._since_ns += round(self._settings.settle_s * 1e9)
-        self._go(ChaseState.SAMPLING, reason)
+            self._pace.stand(Move(center_m, spacing_m, (), ""), self._now_ns)
+            self._go(ChaseState.SAMPLING, f"{number} trackers are there")
 
     def _sample(self) -> None:
-        """Wait for the window, then judge and decide."""
-        begins_ns = self._swarm.first_valid_ns(self._since_ns)
-        allowance_s = self._settings.sampling_allowance_s
-        is_complete = begins_ns is not None and self._swarm.has_window(begins_ns, allowance_s)
-        begins_ns = self._since_ns if begins_ns is None else begins_ns
-        allowed_s = self._scenario.window_s + allowance_s
-        if not is_complete and (self._now_ns - begins_ns) / 1e9 < allowed_s:
+        """Judge by the window and decide, once there is one."""
+        window = self._pace.window(self._now_ns)
+        if window is None:
             return
-        assert self._formation is not None
-        assert self._origin_m is not None
-        place_m = formation_m(self._formation.center_m, self._formation.spacing_m)
-        rssi_dbm, position_m = self._swarm.window(begins_ns, place_m)
-        center_m = self._center_m(position_m[-1])
-        if self._judge.is_reached(rssi_dbm, np.linalg.norm(position_m[-1] - center_m, axis=1)):
+        if self._judge.is_reached(window.rssi_dbm, window.center_distance_m):
             self._stop(ChaseState.REACHED, "every tracker hears the target as near as the success radius asks for")
         elif self._movements >= self._scenario.max_movements:
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
         else:
-            self._decide(rssi_dbm, position_m - self._origin_m, center_m)
+            self._decide(window)
 
-    def _center_m(self, position_m: Points) -> Point:
-        """Where the controller sees the centre: the mean of the positions, unless that is where it should be but for
-        a tolerance, which must not make the formation wander.
-        """
-        assert self._formation is not None
-        seen_m = np.asarray(position_m.mean(axis=0))
-        off_m = np.linalg.norm(seen_m - self._formation.center_m)
-        return self._formation.center_m if off_m <= self._settings.arrival_tolerance_m else seen_m
-
-    def _decide(self, rssi_dbm: Levels, position_m: Points, center_m: Point) -> None:
-        """Ask the controller and set out, or hold where it fails. Positions are in the chase's own frame."""
+    def _decide(self, window: Window) -> None:
+        """Ask the controller and set out, or hold where it fails. It sees positions in the chase's own frame."""
+        assert self._origin_m is not None
+        rssi_dbm, position_m = window.rssi_dbm, window.position_m - self._origin_m
         observation = Observation(torch.from_numpy(rssi_dbm).float()[None], torch.from_numpy(position_m)[None])
         try:
             action, memory = self._controller.decide(observation, self.memory)
@@ -265,7 +197,7 @@ class ControllerService:
             self._hold(changed, self._settings.retry_s)
         else:
             movement = self._movements = self._movements + 1
-            changed = self._fly(center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
+            changed = self._fly(window.center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
             self._to_explain = observation
         decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
         self._last_decision = decision
@@ -273,31 +205,25 @@ class ControllerService:
 
     def _fly(self, center_m: Point, spacing_m: float, reason: str) -> str:
         """Set out for this formation, or what the safety filter makes of it; returns what it says."""
-        assert self._formation is not None
+        assert self._pace.formation is not None
         swarm = self._swarm
         move = self._filter.move(
-            self._formation, center_m, spacing_m, swarm.stream.set_point_m, swarm.positions_m(), swarm.obstacles_m()
+            self._pace.formation,
+            center_m,
+            spacing_m,
+            swarm.stream.set_point_m,
+            swarm.positions_m(),
+            swarm.obstacles_m(),
         )
-        self._formation = replace(move, legs=())
-        self._swarm.stream.fly(move.legs)
-        self._move_s = self._swarm.stream.longest_way_m() / self._speed_mps
-        self._in_place = False
-        self._told_ns = self._now_ns
+        self._pace.set_out(move, self._now_ns)
         self._go(ChaseState.MOVING, f"{reason}; {move.reason}" if move.reason else reason)
         return move.reason
 
     def _move(self) -> None:
-        """Sample once all are there. The window begins when the last of them reported so, by its own clock."""
-        if not self._swarm.stream.has_arrived:
-            self._told_ns = self._now_ns  # nothing has been reported after this: nobody has arrived
-        arrived_ns = self._swarm.arrived_ns(self._settings.arrival_tolerance_m, self._told_ns)
-        since_ns = [time_ns for time_ns in arrived_ns if time_ns is not None]
-        late = len(arrived_ns) - len(since_ns)
-        if not late:
-            self._begin_sampling("arrived", max(since_ns))
-        elif self._seconds_in_state() > 2 * self._move_s + self._settings.move_allowance_s:
-            self._swarm.stream.stop()
-            self._begin_sampling(f"{late} trackers have not arrived in time")
+        """Sample once they are there."""
+        arrival = self._pace.arrival(self._now_ns, self._seconds_in_state())
+        if arrival is not None:
+            self._go(ChaseState.SAMPLING, arrival)
 
     def _hold(self, reason: str, for_s: float = 0.0) -> None:
         self._retry_ns = self._now_ns + round(for_s * 1e9)
@@ -307,12 +233,14 @@ class ControllerService:
     def _try_to_resume(self) -> None:
         if self._operator_holds or not self._has_enough() or self._now_ns < self._retry_ns:
             return
-        if self._formation is None:
-            self._go(ChaseState.CONNECTING, "the cause of holding is gone")
-        elif self._in_place:
-            self._begin_sampling("the cause of holding is gone")
+        reason, formation = "the cause of holding is gone", self._pace.formation
+        if formation is None:
+            self._go(ChaseState.CONNECTING, reason)
+        elif self._pace.is_in_place:
+            self._pace.stand(formation, self._now_ns)
+            self._go(ChaseState.SAMPLING, reason)
         else:
-            self._fly(self._formation.center_m, self._formation.spacing_m, "the cause of holding is gone")
+            self._fly(formation.center_m, formation.spacing_m, reason)
 
     def _speak(self) -> None:
         """The set-points, in every state that commands."""
@@ -339,7 +267,7 @@ class ControllerService:
 
     def snapshot(self) -> Snapshot:
         """Everything a page shows."""
-        formation = self._formation
+        formation = self._pace.formation
         return Snapshot(
             time_ns=self._now_ns,
             epoch=self._epoch,
@@ -352,7 +280,7 @@ class ControllerService:
             trackers=self._swarm.snapshots(),
             last_decision=self._last_decision,
             explanation=self._explanation,
-            window_since_ns=self._since_ns if self.state is ChaseState.SAMPLING else None,
+            window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
         )
 
