@@ -11,6 +11,10 @@ import torch
 # One thread: tests compare small batches, where more threads only wait for one another.
 torch.set_num_threads(1)
 
+# A job in the background of a script has Ctrl-C ignored, and all that the tests start would have it so, too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 AGAIN_S = 60.0
 """The time limit of a test strikes again after so long."""
 HERE = Path(__file__).parent
