@@ -1,6 +1,7 @@
 """Imports go one way, along the data's way; read from the source, so that imports inside functions count, too."""
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -88,6 +89,7 @@ def room(module: str) -> str:
     return module.split(".", maxsplit=1)[0]
 
 
+@functools.cache
 def imports(module: str) -> tuple[set[str], set[str]]:
     """(modules of this package, top-level names of others) that a module imports anywhere in its source."""
     own: set[str] = set()
