@@ -1,6 +1,77 @@
 """What all tests share."""
 
+import signal
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pytest
 import torch
 
 # One thread: tests compare small batches, where more threads only wait for one another.
 torch.set_num_threads(1)
+
+# A job in the background of a script has Ctrl-C ignored, and all that the tests start would have it so, too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+AGAIN_S = 60.0
+"""The time limit of a test strikes again after so long."""
+HERE = Path(__file__).parent
+PROCESSES = {
+    "cluster/test_training.py",
+    "cluster/test_evaluation.py",
+    "cluster/test_refusals.py",
+    "benchmarks/test_cluster.py",
+    "training/test_a3c_processes.py",
+    "simulation/test_live_chase.py",
+    "commands/test_live_commands.py",
+    "live/page/test_page.py",
+    "live/log/test_log.py",
+}
+"""Real processes, a Ray cluster, or a browser, with limits of wall time: never two of them side by side."""
+LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.py", "training"}
+"""Files and folders that take long: they begin early, so that no worker has one left when the other is done."""
+
+
+@pytest.hookimpl(wrapper=True, optionalhook=True)
+def pytest_timeout_set_timer() -> Generator[None, Any, Any]:
+    """Let the time limit of a test strike again: the first is a failing example to hypothesis, which runs it anew."""
+    result = yield
+    limit_s, _ = signal.getitimer(signal.ITIMER_REAL)
+    if limit_s > 0:
+        signal.setitimer(signal.ITIMER_REAL, limit_s, AGAIN_S)
+    return result
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """``pytest -n 2 --dist loadfile``: a file stays with one worker; what has real processes, all with the same one.
+
+    Not by ``pytest.mark.xdist_group``, which pytest-xdist 3.8 under pytest 9.2 passes over without a word.
+    """
+    if config.getoption("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return _group(nodeid)
+
+    return Scheduling(config, log)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Workers begin the groups in this order, if they are not told to reorder them by the number of tests."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=_turn)
+
+
+def _group(nodeid: str) -> str:
+    file = nodeid.split("::", 1)[0].removeprefix("tests/")
+    return "processes" if file in PROCESSES else file
+
+
+def _turn(item: pytest.Item) -> int:
+    group = _group(item.nodeid)
+    return 0 if group == "processes" else 1 if group.split("/")[0] in LONG else 2

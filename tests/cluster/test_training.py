@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,9 +17,10 @@ import torch
 from safetensors.torch import load_file
 
 from ray_nodes import WAIT_S, Nodes, kill_one, nodes, processes, processes_at, wait_until
-from swarmchase.cluster.training import train_on_cluster
+from swarmchase.cluster.training import _Agent, _Supervisor, train_on_cluster
 from swarmchase.scenario import paper_scenario
 from swarmchase.training.a3c import train_a3c
+from swarmchase.training.agent import LocalAgent
 from swarmchase.training.losses import LossSettings
 from swarmchase.training.run import TrainingResult, TrainingStatus
 from swarmchase.training.run_folder import read_log
@@ -141,6 +143,21 @@ def ordeal(cluster: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Ordeal:
     finished = train_on_cluster(WORLD, SETTINGS, folder, cluster.address, resume=True)
     cluster.remove(third[0])
     return Ordeal(interrupted, finished, folder, faults.happened_at)
+
+
+@pytest.mark.parametrize(("never_started", "deaths"), [(True, 0), (False, 1)])
+def test_an_actor_that_never_ran_has_not_died(never_started: bool, deaths: int) -> None:
+    """Ray drops one now and then, most when the machine is busy; three of them are no reason to end a training."""
+    from ray.core.generated.common_pb2 import ActorDiedErrorContext
+    from ray.exceptions import ActorDiedError
+
+    error = ActorDiedError(ActorDiedErrorContext(actor_id=b"1" * 16, never_started=never_started))
+    supervisor = object.__new__(_Supervisor)
+    supervisor._got_over = lambda _what: None  # type: ignore[method-assign]
+    supervisor._ray = Mock()
+    agent = _Agent(0, LocalAgent(WORLD, SETTINGS, 0).snapshot())
+    supervisor._agent_died(agent, error)
+    assert agent.deaths == deaths
 
 
 def told(ordeal: Ordeal, words: str) -> list[dict[str, Any]]:

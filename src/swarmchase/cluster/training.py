@@ -48,6 +48,8 @@ EVALUATION_LIMIT_S = 3_600.0
 """For the last evaluation."""
 MOST_DEATHS = 3
 """Of one agent in a row, without a report between them."""
+NEVER_RAN = "The actor never ran"
+"""Ray's words, and its only sign, for an actor that it dropped before its process began."""
 
 Tell = Callable[[str], None]
 """Is told in a line what has gone wrong and been got over."""
@@ -206,7 +208,8 @@ class _Supervisor:
             self._run.chase_ended(chase)
 
     def _agent_died(self, agent: _Agent, error: Exception) -> None:
-        agent.deaths += 1
+        # What never ran has not died: where no agent gets to run at all, their silence ends the training.
+        agent.deaths += NEVER_RAN not in str(error)
         if agent.deaths >= MOST_DEATHS:
             raise WorkerDiedError(f"local agent {agent.index} died {MOST_DEATHS} times in a row:\n{error}")
         self._got_over(f"local agent {agent.index} is gone: {first_line(error)}")
