@@ -54,6 +54,13 @@ def lies_in(module: str, name: str) -> bool:
     return module == name or module.startswith(f"{name}.")
 
 
+def only_for_types(node: ast.AST) -> list[ast.stmt]:
+    """The lines of an ``if TYPE_CHECKING:``; what is imported there is known, and need not be installed."""
+    if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+        return node.body
+    return []
+
+
 @functools.cache
 def imports(module: str) -> tuple[set[str], set[str]]:
     """(modules of this package, top-level names of others) that a module imports anywhere in its source."""
@@ -62,7 +69,9 @@ def imports(module: str) -> tuple[set[str], set[str]]:
     path = MODULES[module]
     package = [] if module == "swarmchase" else module.split(".")
     package = package if path.name == "__init__.py" else package[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for_types = {inner for node in ast.walk(tree) for line in only_for_types(node) for inner in ast.walk(line)}
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -75,7 +84,7 @@ def imports(module: str) -> tuple[set[str], set[str]]:
             top, _, rest = name.partition(".")
             if top == "swarmchase":
                 own.add(known(rest))
-            else:
+            elif node not in for_types:
                 foreign.add(top)
     return own - {module}, foreign
 

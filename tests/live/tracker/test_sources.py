@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
 from swarmchase.live.link.messages import RssiWindow
-from swarmchase.live.tracker.serial_port import open_serial_port
+from swarmchase.live.serial_port import open_serial_port
 from swarmchase.live.tracker.sources import (
     CalibratedSource,
     JsonDatagramSource,

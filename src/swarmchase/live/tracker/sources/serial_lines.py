@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..serial_port import open_serial_port
+from ...serial_port import open_serial_port
 from .json_lines import JsonLinesSource
 from .kind import SourceDetails, SourceKind
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from ...link.udp_socket import bound_udp_socket
-from ..serial_port import open_serial_port
+from ...serial_port import open_serial_port
 
 MOST_DATAGRAMS_PER_READ = 200
 READ_BYTES = 65536
