@@ -30,7 +30,8 @@ from swarmchase.controllers.particle import (
     SURPRISES,
     ParticleController,
 )
-from swarmchase.evaluation.chases import nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import run_chases
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import nearest_choice, tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario

@@ -9,7 +9,8 @@ import torch
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers.oracle import OracleController, OracleMemory
 from swarmchase.controllers.random import RandomController
-from swarmchase.evaluation.chases import nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import run_chases
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario

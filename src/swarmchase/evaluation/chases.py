@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import ChaseKey, chase_keys
@@ -79,9 +78,3 @@ def _result(scenario: Scenario, key: ChaseKey, state: State, row: int, reached: 
     x_m, y_m, z_m = state.target_position_m[row].tolist()
     movements = int(state.movements[row]) if reached else scenario.max_movements + 1
     return ChaseResult(*key, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
-
-
-def nearest_rank_percentile(values: Sequence[float | int] | torch.Tensor | np.ndarray, percent: float | int) -> float:
-    """The smallest value that at least ``percent`` % of the values do not exceed."""
-    ordered = np.sort(np.asarray(values))
-    return float(ordered[max(0, int(np.ceil(percent * len(ordered) / 100)) - 1)])

@@ -25,7 +25,8 @@ from ..world.departures import DEPARTURES, departed
 from ..world.environment import Environment
 from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table
 from .chases import ChaseResult
-from .table import CONFIDENCE, Evaluation, mean_interval
+from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
+from .table import Evaluation
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -154,12 +155,11 @@ def paired_difference(first: NDArray[Any], other: NDArray[Any]) -> dict[str, Any
     """
     difference = other - first
     resampled = resampled_differences_p90(first, other)
-    share = (1 - CONFIDENCE) / 2
     return {
         "movements_mean_difference": float(difference.mean()),
         "movements_mean_difference_ci95": mean_interval(difference),
-        "movements_p90_difference": float(_p90(other[None])[0] - _p90(first[None])[0]),
-        "movements_p90_difference_ci95": [float(value) for value in np.quantile(resampled, [share, 1 - share])],
+        "movements_p90_difference": nearest_rank_percentile(other, 90) - nearest_rank_percentile(first, 90),
+        "movements_p90_difference_ci95": [float(value) for value in np.quantile(resampled, [TAIL, 1 - TAIL])],
     }
 
 
@@ -169,15 +169,8 @@ def resampled_differences_p90(first: NDArray[Any], other: NDArray[Any]) -> NDArr
     draws = []
     for _ in range(0, RESAMPLES, 50):
         chase = generator.integers(len(first), size=(50, len(first)))
-        draws.append(_p90(other[chase]) - _p90(first[chase]))
+        draws.append(nearest_rank_percentiles(other[chase], 90) - nearest_rank_percentiles(first[chase], 90))
     return np.concatenate(draws)
-
-
-def _p90(movements: NDArray[Any]) -> NDArray[Any]:
-    """``nearest_rank_percentile`` of each row."""
-    rank = max(0, int(np.ceil(90 * movements.shape[1] / 100)) - 1)
-    percentile: NDArray[Any] = np.partition(movements, rank, axis=1)[:, rank]
-    return percentile
 
 
 def _movements(evaluation: Evaluation) -> NDArray[Any]:

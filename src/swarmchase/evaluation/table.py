@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
@@ -26,15 +25,13 @@ from ..controllers import ActionChoice, chosen_weights, load_controller
 from ..errors import InputError, WorkerDiedError
 from ..files import atomic_path
 from ..scenario import Scenario
-from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
+from .statistics import mean_interval, nearest_rank_percentile, percentile_interval
 
 SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
 SHARE_CHASES = 500
 """A further process is started for every so many chases: for fewer it would cost more time than it saves."""
-CONFIDENCE = 0.95
-NORMAL_QUANTILE = 1.959964
-"""Of (1 + CONFIDENCE) / 2."""
 
 
 def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
@@ -121,28 +118,6 @@ class Evaluation:
             tracking_time_s(world, min(chase.movements, world.max_movements), chase.path_length_m, speed_mps)
             for chase in self.chases
         ]
-
-
-def percentile_interval(values: NDArray[Any], percent: float | int) -> list[float]:
-    """A 95 % confidence interval of a percentile from order statistics: binomial, whatever the distribution.
-
-    It never leaves the range of the values, so of a few values it covers the percentile less often.
-    """
-    from scipy.stats import binom
-
-    ordered = np.sort(values)
-    share = (1 - CONFIDENCE) / 2
-    low = int(binom.ppf(share, len(ordered), percent / 100))
-    high = int(binom.ppf(1 - share, len(ordered), percent / 100)) + 1
-    return [float(ordered[max(0, low - 1)]), float(ordered[min(len(ordered) - 1, high - 1)])]
-
-
-def mean_interval(values: NDArray[Any]) -> list[float] | None:
-    """A 95 % confidence interval of the mean, normal approximation; None for one value, which has no spread."""
-    if len(values) < 2:
-        return None
-    half_width = NORMAL_QUANTILE * float(values.std(ddof=1)) / math.sqrt(len(values))
-    return [float(values.mean()) - half_width, float(values.mean()) + half_width]
 
 
 def evaluate(
