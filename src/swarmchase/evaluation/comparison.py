@@ -4,7 +4,6 @@ Every controller of a comparison chases the same targets through the same fading
 chase. A world may differ from what the controllers are told (``world.departures``).
 """
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,10 +22,11 @@ from ..errors import InputError
 from ..scenario import Scenario
 from ..world.departures import DEPARTURES, departed
 from ..world.environment import Environment
-from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table
+from .blocks import Finished, Job, Runner, evaluate_jobs, file_name
 from .chases import ChaseResult
 from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
 from .table import Evaluation
+from .tables import Document, Row, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -112,7 +112,7 @@ def compare(
     """
     evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner)
     results = [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
-    save_table(folder / TABLE_FILE, comparison_table(results))
+    write_table(folder / TABLE_FILE, _comparison_table(results), _comparison_document(results))
     return results
 
 
@@ -199,8 +199,8 @@ def timed_decisions_ms(controller_name: str, scenario: Scenario) -> tuple[float,
     return float(p50), float(p99)
 
 
-def comparison_table(results: Sequence[Result]) -> "pa.Table":
-    """One row a chase of every result, with what is needed to redo it in the table's metadata."""
+def _comparison_table(results: Sequence[Result]) -> "pa.Table":
+    """One row a chase of every result."""
     import pyarrow as pa
 
     rows = [(number, chase) for number, result in enumerate(results) for chase in result.evaluation.chases]
@@ -211,8 +211,12 @@ def comparison_table(results: Sequence[Result]) -> "pa.Table":
         "reached": [chase.reached for _, chase in rows],
         "path_length_m": pa.array([chase.path_length_m for _, chase in rows], pa.float32()),
     }
-    origin = {"version": __version__, "results": [_origin(result) for result in results]}
-    return pa.table(columns).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+    return pa.table(columns)
+
+
+def _comparison_document(results: Sequence[Result]) -> Document:
+    """What is needed to redo the chases."""
+    return {"version": __version__, "results": [_origin(result) for result in results]}
 
 
 def _origin(result: Result) -> dict[str, Any]:
@@ -234,23 +238,18 @@ def read_results(path: Path) -> list[Result]:
     Raises:
         InputError: no such file, or not such a table.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    return read_table(path, "comparison table", _parsed_results)
 
-    try:
-        table = pq.read_table(path)
-        origins = json.loads(table.schema.metadata[b"swarmchase"])["results"]
-        chases: list[list[ChaseResult]] = [[] for _ in origins]
-        nowhere = float("nan")
-        for row in table.to_pylist():
-            number = row.pop("result")
-            seed = origins[number]["seed"]
-            chases[number].append(
-                ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
-            )
-        return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
-    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"cannot read the comparison table {path}: {error}") from error
+
+def _parsed_results(rows: list[Row], document: Document) -> list[Result]:
+    origins = document["results"]
+    chases: list[list[ChaseResult]] = [[] for _ in origins]
+    nowhere = float("nan")
+    for row in rows:
+        number = row.pop("result")
+        seed = origins[number]["seed"]
+        chases[number].append(ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
+    return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
 
 
 def _read_result(origin: dict[str, Any], chases: list[ChaseResult]) -> Result:

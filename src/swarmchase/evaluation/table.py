@@ -6,7 +6,6 @@ size and any number of processes.
 
 import contextlib
 import dataclasses
-import json
 import math
 import multiprocessing
 import signal
@@ -23,10 +22,10 @@ from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import ActionChoice, chosen_weights, load_controller
 from ..errors import InputError, WorkerDiedError
-from ..files import atomic_path
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
 from .statistics import mean_interval, nearest_rank_percentile, percentile_interval
+from .tables import write_table
 
 SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
@@ -92,7 +91,6 @@ class Evaluation:
     def save_parquet(self, path: Path) -> None:
         """Write one row a chase, with everything needed to redo it in the file's metadata, whole or not at all."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
         columns = {
             field.name: [getattr(chase, field.name) for chase in self.chases]
@@ -108,9 +106,7 @@ class Evaluation:
             "weights": self.weights,
             "seed": self.seed,
         }
-        table = pa.table({**columns, **times}).replace_schema_metadata({"swarmchase": json.dumps(origin)})
-        with atomic_path(path) as temporary:
-            pq.write_table(table, temporary)
+        write_table(path, pa.table({**columns, **times}), origin, compression="snappy")
 
     def _times_s(self, speed_mps: float) -> list[float]:
         world = self.world or self.scenario
