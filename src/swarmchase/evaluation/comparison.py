@@ -4,7 +4,7 @@ Every controller of a comparison chases the same targets through the same fading
 chase. A world may differ from what the controllers are told (``world.departures``).
 """
 
-import time
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,15 +15,14 @@ import torch
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..batch.streams import chase_keys
 from ..controllers import load_controller, weights_sha256
 from ..controllers.shipped import setting_name
 from ..errors import InputError
 from ..scenario import Scenario
 from ..world.departures import DEPARTURES, departed
-from ..world.environment import Environment
 from .blocks import Finished, Job, Runner, evaluate_jobs, file_name
 from .chases import ChaseResult
+from .play import play
 from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
 from .table import Evaluation
 from .tables import Document, Row, read_table, write_table
@@ -179,22 +178,12 @@ def _movements(evaluation: Evaluation) -> NDArray[Any]:
 
 def timed_decisions_ms(controller_name: str, scenario: Scenario) -> tuple[float, float]:
     """Median and 99th percentile of the time a decision takes: a batch of one on one thread, chase after chase."""
-    controller, environment = load_controller(controller_name, scenario), Environment(scenario)
-    times_ms: list[float] = []
-    chase = 0
-    while len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
-        state = environment.reset(chase_keys(TIMING_SEED, 1, chase))
-        memory = controller.begin(1, TIMING_SEED, chase)
-        ended = False
-        while not ended and len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
-            observation = state.observation()
-            began_s = time.perf_counter()
-            with torch.inference_mode():
-                action, memory = controller.decide(observation, memory)
-            times_ms.append(1000 * (time.perf_counter() - began_s))
-            state, outcome = environment.step(state, action)
-            ended = bool(outcome.reached | outcome.truncated)
-        chase += 1
+    controller = load_controller(controller_name, scenario)
+    # Every chase has a decision at least.
+    chases = range(WARM_UP_DECISIONS + TIMED_DECISIONS)
+    with torch.inference_mode():
+        timed = itertools.islice(play(scenario, controller, TIMING_SEED, chases, 1), len(chases))
+        times_ms = [1000 * step.decision_s for step in timed]
     p50, p99 = np.quantile(times_ms[WARM_UP_DECISIONS:], [0.5, 0.99])
     return float(p50), float(p99)
 
