@@ -13,7 +13,7 @@ import numpy as np
 
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import chase_keys
-from ..controllers.protocol import Controller
+from ..controllers.protocol import Controller, KnowsTarget
 from ..errors import InputError
 from ..formation import Action
 from ..scenario import Scenario
@@ -41,6 +41,8 @@ class Step:
 def play(scenario: Scenario, controller: Controller, seed: int, chases: range, batch_size: int) -> Iterator[Step]:
     """Play these chases of run ``seed`` in the world of ``scenario``, ``batch_size`` of them at a time.
 
+    A controller that ``KnowsTarget`` is told it before every decision.
+
     Args:
         chases: consecutive numbers; they begin in this order.
 
@@ -64,6 +66,8 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
             memory = new_memory if not numbers else join_chases(memory, new_memory)
             numbers = [*numbers, *admitted]
         assert state is not None
+        if isinstance(controller, KnowsTarget):
+            memory = controller.told(memory, state.target_position_m)
         observation = state.observation()
         began_s = time.perf_counter()
         action, memory = controller.decide(observation, memory)
