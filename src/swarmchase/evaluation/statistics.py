@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
@@ -15,7 +14,7 @@ NORMAL_QUANTILE = 1.959964
 """Of (1 + CONFIDENCE) / 2."""
 
 
-def nearest_rank_percentile(values: Sequence[float | int] | torch.Tensor | NDArray[Any], percent: float | int) -> float:
+def nearest_rank_percentile(values: Sequence[float | int] | NDArray[Any], percent: float | int) -> float:
     """The smallest value that at least ``percent`` % of the values do not exceed."""
     return float(nearest_rank_percentiles(np.asarray(values)[None], percent)[0])
 
