@@ -12,7 +12,8 @@ from swarmchase.batch.selection import join_chases, pack, select_chases, unpack
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers.random import RandomController
 from swarmchase.errors import InputError
-from swarmchase.evaluation.chases import ChaseResult, nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import ChaseResult, run_chases
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import action_from_choice
 from swarmchase.scenario import paper_scenario
 from swarmchase.world.environment import Environment

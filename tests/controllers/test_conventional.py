@@ -30,7 +30,9 @@ from swarmchase.controllers.particle import (
     SURPRISES,
     ParticleController,
 )
-from swarmchase.evaluation.chases import nearest_rank_percentile, run_chases
+from swarmchase.controllers.protocol import KnowsTarget
+from swarmchase.evaluation.chases import run_chases
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import nearest_choice, tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
@@ -45,6 +47,11 @@ MILD = paper_scenario(sampling_hz=10.0, spatial_correlation=0.9)
 SLOPE_DB = 26 / math.log(10)
 """Table I's path loss: at d metres the signal falls by 11.29 / d dB/m."""
 NAN, INF = math.nan, math.inf
+
+
+def told(controller, memory, target_position_m):
+    """The oracle is told; the others find out."""
+    return controller.told(memory, target_position_m) if isinstance(controller, KnowsTarget) else memory
 
 
 def at(center_m, spacing_m=5.0):
@@ -232,7 +239,8 @@ def recorded(scenario, num_windows, seed=3, silence=True):
     """Windows of a real chase that goes straight for its target, with a tracker or two silent now and then."""
     oracle = load_controller("oracle", scenario)
     environment = Environment(scenario)
-    state, memory = environment.reset(chase_keys(seed, 1)), oracle.begin(1, seed)
+    state = environment.reset(chase_keys(seed, 1))
+    memory = oracle.told(oracle.begin(1, seed), state.target_position_m)
     observations = []
     for number in range(num_windows):
         observation = state.observation()
@@ -656,7 +664,7 @@ def test_those_that_do_not_listen_do_as_ever(controllers, name):
     controller = controllers[name]
     actions = []
     for level_dbm in (-60.0, NAN, INF, 3e38):
-        memory = controller.begin(4, 0)
+        memory = told(controller, controller.begin(4, 0), torch.tensor([[-60.0, 64, 48]] * 4, dtype=torch.float64))
         window = rows_of(heard([level_dbm] * 6, at((0, 0, 0))), 4)
         for _ in range(3):
             action, memory = controller.decide(window, memory)
@@ -678,8 +686,8 @@ WINDOW = st.lists(st.sampled_from(LEVELS_DBM), min_size=30, max_size=30)
 def test_whatever_is_heard_gives_an_action_and_good_windows_are_heard_again(controllers, name, windows, num_trackers):
     """Five samples of anything, repeated; trackers past ``num_trackers`` are good, so that some are heard."""
     controller = controllers[name]
-    memory, center_m = controller.begin(1, 0), (0.0, 0.0, 0.0)
-    target_m = (-60, 64, 48)
+    target_m, center_m = (-60, 64, 48), (0.0, 0.0, 0.0)
+    memory = told(controller, controller.begin(1, 0), torch.tensor([target_m], dtype=torch.float64))
     for levels_dbm, places in windows:
         position_m = at(center_m)[places]
         rssi_dbm = torch.tensor(noise_free_dbm(target_m, position_m)).float().repeat(50, 1)
@@ -709,6 +717,7 @@ def trace(controller, scenario, rows, first, num_movements):
     """Every tensor of the memory and the action of every movement, by name."""
     environment = Environment(scenario)
     state, memory = environment.reset(chase_keys(3, rows, first)), controller.begin(rows, 3, first)
+    memory = told(controller, memory, state.target_position_m)
     steps = []
     for _ in range(num_movements):
         action, memory = controller.decide(state.observation(), memory)

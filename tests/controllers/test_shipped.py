@@ -11,9 +11,10 @@ from safetensors import safe_open
 from swarmchase.cli import main
 from swarmchase.controllers import load_controller
 from swarmchase.controllers.shipped import WEIGHTS_FOLDER, ShippedWeights, chosen_weights, shipped_families
-from swarmchase.evaluation.chases import nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import run_chases
 from swarmchase.evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION
 from swarmchase.evaluation.reproduction import read_evaluations
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.networks.actor_critic import greedy_choice
 from swarmchase.scenario import Scenario, paper_scenario
 

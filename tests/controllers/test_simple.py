@@ -7,9 +7,12 @@ import pytest
 import torch
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.controllers.oracle import OracleController, OracleMemory
+from swarmchase.controllers.condition import Condition
+from swarmchase.controllers.oracle import OracleController
 from swarmchase.controllers.random import RandomController
-from swarmchase.evaluation.chases import nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import run_chases
+from swarmchase.evaluation.play import play
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
@@ -38,16 +41,34 @@ def observation_at(center_m, spacing_m=3.0):
 def test_oracle_takes_the_move_that_leaves_least_on_every_axis(center_m, target_m, displacement_m):
     target_position_m = torch.tensor([target_m], dtype=torch.float64)
     oracle = OracleController(paper_scenario())
-    action, memory = oracle.decide(observation_at([center_m]), OracleMemory(target_position_m))
+    action, memory = oracle.decide(observation_at([center_m]), oracle.told(oracle.begin(1, 0), target_position_m))
     assert action.displacement_m.tolist() == [list(displacement_m)]
     assert action.spacing_m.tolist() == [5]
     assert memory.target_position_m is target_position_m
+    assert memory.condition.tolist() == [Condition.TRACKING]
 
 
-def test_oracle_knows_the_target_of_the_run():
-    memory = OracleController(paper_scenario()).begin(3, seed=8, first_chase=5)
+def test_oracle_holds_still_where_nobody_has_told_it():
+    oracle = OracleController(paper_scenario())
+    target_m = torch.tensor([[60.0, -80, 0], [torch.nan] * 3], dtype=torch.float64)
+    untold = oracle.begin(2, seed=8, first_chase=5)
+    for memory, displacement_m, condition in (
+        (untold, [[0, 0, 0]] * 2, [Condition.DEAF] * 2),
+        (oracle.told(untold, target_m), [[4, -4, 0], [0, 0, 0]], [Condition.TRACKING, Condition.DEAF]),
+    ):
+        action, after = oracle.decide(observation_at([(0, 0, 0)] * 2), memory)
+        assert action.displacement_m.tolist() == displacement_m
+        assert action.spacing_m.tolist() == [5, 5]
+        assert after.condition.tolist() == condition
+
+
+def test_playing_tells_the_oracle_the_target_of_the_run():
+    oracle, told_m = OracleController(paper_scenario()), []
+    tell = oracle.told
+    oracle.told = lambda memory, target_position_m: told_m.append(target_position_m) or tell(memory, target_position_m)
+    next(play(paper_scenario(), oracle, 8, range(5, 8), 3))
     state = Environment(paper_scenario()).reset(chase_keys(8, 3, 5))
-    assert torch.equal(memory.target_position_m, state.target_position_m)
+    assert torch.equal(told_m[0], state.target_position_m)
 
 
 def fewest_movements(target_m, success_radius_m):

@@ -15,7 +15,7 @@ from swarmchase.cli import main
 from swarmchase.controllers import load_controller
 from swarmchase.errors import InputError
 from swarmchase.evaluation import blocks
-from swarmchase.evaluation.chases import ChaseResult, nearest_rank_percentile, run_chases
+from swarmchase.evaluation.chases import ChaseResult, run_chases
 from swarmchase.evaluation.comparison import (
     AS_TOLD,
     RESAMPLES,
@@ -32,6 +32,7 @@ from swarmchase.evaluation.comparison import (
     timed_decisions_ms,
 )
 from swarmchase.evaluation.paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
+from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.evaluation.table import Evaluation, evaluate
 from swarmchase.reports.comparison import distribution_figure, percentile_figure, world_figure
 from swarmchase.reports.comparison_tables import comparison_tables

@@ -17,12 +17,11 @@ import torch
 from swarmchase.commands.evaluate import summary_table
 from swarmchase.errors import InputError, WorkerDiedError
 from swarmchase.evaluation import table
-from swarmchase.evaluation.chases import ChaseResult, nearest_rank_percentile
+from swarmchase.evaluation.chases import ChaseResult
+from swarmchase.evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval
 from swarmchase.evaluation.table import (
     Evaluation,
     evaluate,
-    mean_interval,
-    percentile_interval,
     tracking_time_s,
 )
 from swarmchase.networks.actor_critic import SwarmNetworks

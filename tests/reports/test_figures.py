@@ -17,7 +17,9 @@ from matplotlib.figure import Figure
 from swarmchase.controllers import load_controller
 from swarmchase.errors import InputError
 from swarmchase.evaluation.chase_log import chase_log, run_chase, save_chase_log
-from swarmchase.reports.chase import PAGE_WIDTH_INCHES, TRACKER_COLORS, TRACKER_NAMES, draw_chase, draw_training
+from swarmchase.reports.chase import draw_chase
+from swarmchase.reports.style import PAGE_WIDTH_INCHES, TRACKER_COLORS, TRACKER_NAMES
+from swarmchase.reports.training import draw_training
 from swarmchase.scenario import paper_scenario
 
 
@@ -130,7 +132,8 @@ def test_drawing_needs_neither_simulator_nor_torch(log_path: Path, tmp_path: Pat
         text=True,
         check=True,
     )
-    assert ran.stdout == "['swarmchase.errors', 'swarmchase.reports.chase', 'swarmchase.files']\n"
+    own = ["errors", "files", "reports", "reports.chase", "reports.style"]
+    assert ran.stdout == f"{[f'swarmchase.{name}' for name in own]}\n"
     assert (tmp_path / "chase.png").stat().st_size > 10_000
 
 

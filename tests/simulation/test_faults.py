@@ -978,3 +978,8 @@ def test_a_recorder_that_raises_is_an_alarm_too(undisturbed: Flight) -> None:
     assert frames[-1]["alarms"] == ["another", "7 entries could not be recorded"]
     flight.run()
     require_same_log(flight, undisturbed)
+
+
+def test_the_oracle_is_told_where_the_site_has_its_target() -> None:
+    result = Flight(controller="oracle").chase.run()
+    assert (result.state, result.reached) == ("reached", True)

@@ -19,8 +19,7 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import load_controller
-from ..evaluation.chases import nearest_rank_percentile
-from ..evaluation.table import mean_interval, percentile_interval
+from ..evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
 from ..live.service.loop import percentile_ms
 from ..live.tracker.agent import AgentSettings
 from ..scenario import NUM_TRACKERS, Scenario
@@ -143,7 +142,7 @@ def _summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]
     latency_s = [latency for result in results for latency in result.decision_latency_s]
     return {
         "success_rate": float(reached.mean()),
-        "success_rate_ci95": _share_interval(int(reached.sum()), len(reached)),
+        "success_rate_ci95": share_interval(int(reached.sum()), len(reached)),
         "movements_mean": float(movements.mean()),
         "movements_mean_ci95": mean_interval(movements),
         "movements_p90": nearest_rank_percentile(movements, 90),
@@ -154,11 +153,3 @@ def _summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]
         "decision_latency_p99_ms": percentile_ms(latency_s, 99),
         "rejected": sum(sum(result.rejected.values()) for result in results),
     }
-
-
-def _share_interval(number: int, of: int) -> list[float]:
-    """Clopper and Pearson's 95 % interval of a share."""
-    from scipy.stats import binomtest
-
-    interval = binomtest(number, of).proportion_ci(0.95, method="exact")
-    return [float(interval.low), float(interval.high)]

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
-from ..reports.paper_tables import shown_interval
+from ..reports.intervals import shown_interval
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar

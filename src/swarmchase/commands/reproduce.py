@@ -58,9 +58,8 @@ class ReproduceCommand(ClusterOptions):
 
 
 def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
-    import pyarrow.parquet as pq
-
     from ..evaluation.reproduction import FADING_FILE, training_log
+    from ..evaluation.tables import read_rows
     from ..reports.paper import draw_all
 
     movements = {
@@ -69,7 +68,7 @@ def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]])
         ]
         for one in evaluations
     }
-    fading = pq.read_table(folder / FADING_FILE).to_pylist()
+    fading = read_rows(folder / FADING_FILE, "fading table")
     return draw_all(folder, fading, training_log(), movements, summaries)
 
 

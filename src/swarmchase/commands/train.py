@@ -83,7 +83,7 @@ class _TrainOptions:
 
     def _draw(self) -> None:
         """The learning curves, from the run's log."""
-        from ..reports.chase import draw_training
+        from ..reports.training import draw_training
         from ..training.run_folder import read_log
 
         picture = self.folder / "training.png"

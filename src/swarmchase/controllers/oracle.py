@@ -1,31 +1,34 @@
-"""``oracle``: knows the target. No controller with these action sets needs fewer movements.
+"""``oracle``: is told where the target is. No controller with these action sets needs fewer movements.
 
 On each axis it takes the displacement that leaves the least distance; every axis then is as near as the 2 m grid
 allows at every movement, so no other sequence reaches the target sooner. It does not listen, so missing samples change
-nothing.
+nothing; whoever drives it tells it (``controllers.protocol.KnowsTarget``), and until then it holds still.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
 
-from ..batch.array_types import Float, Tensor
-from ..batch.streams import chase_keys
+from ..batch.array_types import Float, Int, Tensor
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m
 from ..scenario import Scenario
-from ..world.target import draw_target_position_m
+from .condition import Condition
 
 
 @dataclass(frozen=True)
 class OracleMemory:
-    """The truth: the target of each chase."""
+    """What it was told of each chase."""
 
     target_position_m: Float[Tensor, "chase 3"]
+    """Float64, in the chase's own frame; NaN where nobody has told it."""
+    condition: Int[Tensor, "chase"]
+    """A ``Condition``: ``DEAF`` where it decided untold."""
 
 
 class OracleController:
-    """Moves straight to the target of run ``seed``, which it draws as the world does."""
+    """Moves straight to the target. A ``KnowsTarget``."""
 
     name = "oracle"
 
@@ -33,11 +36,19 @@ class OracleController:
         self._scenario = scenario
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> OracleMemory:
-        """The targets of these chases. In somebody else's world, build an ``OracleMemory`` from its own targets."""
-        return OracleMemory(draw_target_position_m(self._scenario, chase_keys(seed, num_chases, first_chase)))
+        """Told nothing yet."""
+        nowhere_m = torch.full((num_chases, 3), float("nan"), dtype=torch.float64)
+        return OracleMemory(nowhere_m, torch.zeros(num_chases, dtype=torch.int64))
+
+    def told(self, memory: OracleMemory, target_position_m: Float[Tensor, "chase 3"]) -> OracleMemory:
+        """The memory of one that knows where the target of each chase is, float64, in the chase's own frame."""
+        return dataclasses.replace(memory, target_position_m=target_position_m)
 
     def decide(self, observation: Observation, memory: OracleMemory) -> tuple[Action, OracleMemory]:
-        """On each axis the displacement that leaves the least distance, at the widest spacing."""
-        left_m = memory.target_position_m - center_m(observation)
+        """On each axis the displacement that leaves the least distance, none where it is untold; the widest spacing."""
+        untold = memory.target_position_m.isnan().any(dim=1)
+        left_m = torch.where(untold[:, None], 0.0, memory.target_position_m - center_m(observation))
         widest_m = torch.full((len(left_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)
-        return Action(widest_m, nearest_choice(self._scenario.displacement_choices_m, left_m)), memory
+        condition = torch.where(untold, int(Condition.DEAF), int(Condition.TRACKING))
+        action = Action(widest_m, nearest_choice(self._scenario.displacement_choices_m, left_m))
+        return action, dataclasses.replace(memory, condition=condition)

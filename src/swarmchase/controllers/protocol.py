@@ -1,7 +1,11 @@
-"""What a controller is: ``begin`` once for a batch of chases, then ``decide`` once a movement."""
+"""What a controller is: ``begin`` once for a batch of chases, then ``decide`` once a movement.
+
+One that knows the target is told it by whoever drives it: no controller knows the simulator.
+"""
 
 from typing import Any, Protocol, runtime_checkable
 
+from ..batch.array_types import Float, Tensor
 from ..formation import Action
 from ..observation import Observation
 
@@ -22,3 +26,11 @@ class Controller(Protocol):
 
     def decide(self, observation: Observation, memory: Any) -> tuple[Action, Any]:
         """The action of every chase, and the memory for its next movement."""
+
+
+@runtime_checkable
+class KnowsTarget(Controller, Protocol):
+    """A controller that wants to know where the target is; only a simulation can tell it."""
+
+    def told(self, memory: Any, target_position_m: Float[Tensor, "chase 3"]) -> Any:
+        """The memory with the target of every chase in it, float64, in the chase's own frame."""

@@ -3,23 +3,20 @@
 import dataclasses
 import functools
 import hashlib
-import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import __version__
 from ..controllers import ActionChoice, load_controller, weights_sha256
 from ..errors import InputError
-from ..files import atomic_path, require_writable_folder
+from ..files import require_writable_folder
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult
 from .table import Evaluation, evaluate
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .tables import Document, Row, read_table, write_table
 
 BLOCK_CHASES = 2_500
 """Chases between two saves."""
@@ -77,15 +74,9 @@ class Block:
 
     def load(self) -> list[ChaseResult] | None:
         """What an earlier run kept of this very block."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
-            table = pq.read_table(self.path)
-            if json.loads(table.schema.metadata[b"swarmchase"]) != self.origin:
-                return None
-            return [ChaseResult(**row) for row in table.to_pylist()]
-        except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
+            return read_table(self.path, "block", self._own_chases)
+        except InputError:
             return None
 
     def save(self, chases: Sequence[ChaseResult], origin: dict[str, Any]) -> None:
@@ -95,7 +86,7 @@ class Block:
 
         table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
         require_writable_folder(self.path.parent)
-        save_table(self.path, table.replace_schema_metadata({"swarmchase": json.dumps(origin)}))
+        write_table(self.path, table, origin)
 
     def parts(self, episodes: int) -> list["Block"]:
         """The same chases in blocks of so many, the last of what is left."""
@@ -104,6 +95,9 @@ class Block:
             dataclasses.replace(self, first_chase=first, episodes=min(episodes, end - first))
             for first in range(self.first_chase, end, episodes)
         ]
+
+    def _own_chases(self, rows: list[Row], origin: Document) -> list[ChaseResult] | None:
+        return [ChaseResult(**row) for row in rows] if origin == self.origin else None
 
 
 Running = Callable[[int, int, str], None]
@@ -198,14 +192,6 @@ def file_name(text: str) -> str:
     """A file name that no other text has."""
     plain = re.sub(r"[^A-Za-z0-9.]+", "-", Path(text).stem if "/" in text else text).strip("-")
     return plain if plain == text else f"{plain}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-
-
-def save_table(path: Path, table: "pa.Table") -> None:
-    """Write a Parquet file, whole or not at all."""
-    import pyarrow.parquet as pq
-
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
 
 
 @dataclass

@@ -10,8 +10,9 @@ from .. import __version__
 from ..controllers.protocol import Controller
 from ..files import write_text_atomically
 from ..scenario import Scenario
-from ..world.environment import Environment, Outcome, State, distance_to_target_m
+from ..world.environment import Outcome, State, distance_to_target_m
 from ..world.target import draw_target_position_m
+from .play import play
 from .table import SPEEDS_MPS, tracking_time_s
 
 
@@ -36,17 +37,10 @@ class Moment:
 
 def run_chase(scenario: Scenario, controller: Controller, seed: int, chase: int) -> Iterator[Moment]:
     """Chase number ``chase`` of run ``seed``, yielded movement by movement."""
-    environment = Environment(scenario)
-    state = environment.reset([(seed, chase)])
-    memory = controller.begin(1, seed, chase)
-    yield _moment(state, None, [0.0, 0.0, 0.0])
-    ended = False
-    while not ended:
-        action, memory = controller.decide(state.observation(), memory)
-        state, outcome = environment.step(state, action)
-        moment = _moment(state, outcome, action.displacement_m[0].tolist())
-        ended = moment.reached or moment.truncated
-        yield moment
+    for number, step in enumerate(play(scenario, controller, seed, range(chase, chase + 1), 1)):
+        if number == 0:
+            yield _moment(step.before, None, [0.0, 0.0, 0.0])
+        yield _moment(step.after, step.outcome, step.action.displacement_m[0].tolist())
 
 
 def chase_log(

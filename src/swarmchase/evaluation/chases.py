@@ -1,21 +1,14 @@
-"""A controller through many chases: the loop under evaluation, the training's auxiliary agent and ``chase``.
-
-The batch is kept full: a chase that ends makes room for the next. Since every chase has its own streams, its
-row in the table is the same for any batch size.
-"""
+"""A controller through many chases, a row of the evaluation's table each: its row is the same for any batch size."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import torch
-
-from ..batch.selection import join_chases, select_chases
-from ..batch.streams import ChaseKey, chase_keys
+from ..batch.streams import ChaseKey
 from ..controllers.protocol import Controller
 from ..errors import InputError
 from ..scenario import Scenario
-from ..world.environment import Environment, State
+from ..world.environment import State
+from .play import play
 
 DEFAULT_BATCH_SIZE = 128
 
@@ -44,44 +37,15 @@ def run_chases(
     Raises:
         InputError: chases that are not consecutive, or no room for any.
     """
-    waiting = list(chases)
-    if waiting != list(range(waiting[0], waiting[0] + len(waiting)) if waiting else []):
+    consecutive = range(chases[0], chases[0] + len(chases)) if chases else range(0)
+    if list(chases) != list(consecutive):
         raise InputError("chases are refused: their numbers must be consecutive")
-    if batch_size < 1:
-        raise InputError(f"batch_size = {batch_size} is refused: allowed is at least 1")
-    environment = Environment(scenario)
-    numbers: list[int] = []
-    state: State | None = None
-    memory = None
-    while waiting or numbers:
-        admitted, waiting = waiting[: batch_size - len(numbers)], waiting[batch_size - len(numbers) :]
-        if admitted:
-            new_state = environment.reset(chase_keys(seed, len(admitted), admitted[0]))
-            new_memory = controller.begin(len(admitted), seed, admitted[0])
-            state = new_state if state is None or not numbers else join_chases(state, new_state)
-            memory = new_memory if not numbers else join_chases(memory, new_memory)
-            numbers = numbers + admitted
-        assert state is not None
-        action, memory = controller.decide(state.observation(), memory)
-        state, outcome = environment.step(state, action)
-        ended = (outcome.reached | outcome.truncated).tolist()
-        if any(ended):
-            reached = outcome.reached.tolist()
-            for row in np.flatnonzero(ended):
-                yield _result(scenario, (seed, numbers[row]), state, int(row), reached[row])
-            running = [row for row, end in enumerate(ended) if not end]
-            numbers = [numbers[row] for row in running]
-            if running:
-                state, memory = select_chases(state, running), select_chases(memory, running)
+    for step in play(scenario, controller, seed, consecutive, batch_size):
+        for row in step.ended_rows():
+            yield _result(scenario, (seed, step.chases[row]), step.after, row, bool(step.outcome.reached[row]))
 
 
 def _result(scenario: Scenario, key: ChaseKey, state: State, row: int, reached: bool) -> ChaseResult:
     x_m, y_m, z_m = state.target_position_m[row].tolist()
     movements = int(state.movements[row]) if reached else scenario.max_movements + 1
     return ChaseResult(*key, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
-
-
-def nearest_rank_percentile(values: Sequence[float | int] | torch.Tensor | np.ndarray, percent: float | int) -> float:
-    """The smallest value that at least ``percent`` % of the values do not exceed."""
-    ordered = np.sort(np.asarray(values))
-    return float(ordered[max(0, int(np.ceil(percent * len(ordered) / 100)) - 1)])

@@ -4,8 +4,7 @@ Every controller of a comparison chases the same targets through the same fading
 chase. A world may differ from what the controllers are told (``world.departures``).
 """
 
-import json
-import time
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,16 +15,17 @@ import torch
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..batch.streams import chase_keys
 from ..controllers import load_controller, weights_sha256
 from ..controllers.shipped import setting_name
 from ..errors import InputError
 from ..scenario import Scenario
 from ..world.departures import DEPARTURES, departed
-from ..world.environment import Environment
-from .blocks import Finished, Job, Runner, evaluate_jobs, file_name, save_table
+from .blocks import Finished, Job, Runner, evaluate_jobs, file_name
 from .chases import ChaseResult
-from .table import CONFIDENCE, Evaluation, mean_interval
+from .play import play
+from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
+from .table import Evaluation
+from .tables import Document, Row, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -111,7 +111,7 @@ def compare(
     """
     evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner)
     results = [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
-    save_table(folder / TABLE_FILE, comparison_table(results))
+    write_table(folder / TABLE_FILE, _comparison_table(results), _comparison_document(results))
     return results
 
 
@@ -154,12 +154,11 @@ def paired_difference(first: NDArray[Any], other: NDArray[Any]) -> dict[str, Any
     """
     difference = other - first
     resampled = resampled_differences_p90(first, other)
-    share = (1 - CONFIDENCE) / 2
     return {
         "movements_mean_difference": float(difference.mean()),
         "movements_mean_difference_ci95": mean_interval(difference),
-        "movements_p90_difference": float(_p90(other[None])[0] - _p90(first[None])[0]),
-        "movements_p90_difference_ci95": [float(value) for value in np.quantile(resampled, [share, 1 - share])],
+        "movements_p90_difference": nearest_rank_percentile(other, 90) - nearest_rank_percentile(first, 90),
+        "movements_p90_difference_ci95": [float(value) for value in np.quantile(resampled, [TAIL, 1 - TAIL])],
     }
 
 
@@ -169,15 +168,8 @@ def resampled_differences_p90(first: NDArray[Any], other: NDArray[Any]) -> NDArr
     draws = []
     for _ in range(0, RESAMPLES, 50):
         chase = generator.integers(len(first), size=(50, len(first)))
-        draws.append(_p90(other[chase]) - _p90(first[chase]))
+        draws.append(nearest_rank_percentiles(other[chase], 90) - nearest_rank_percentiles(first[chase], 90))
     return np.concatenate(draws)
-
-
-def _p90(movements: NDArray[Any]) -> NDArray[Any]:
-    """``nearest_rank_percentile`` of each row."""
-    rank = max(0, int(np.ceil(90 * movements.shape[1] / 100)) - 1)
-    percentile: NDArray[Any] = np.partition(movements, rank, axis=1)[:, rank]
-    return percentile
 
 
 def _movements(evaluation: Evaluation) -> NDArray[Any]:
@@ -186,28 +178,18 @@ def _movements(evaluation: Evaluation) -> NDArray[Any]:
 
 def timed_decisions_ms(controller_name: str, scenario: Scenario) -> tuple[float, float]:
     """Median and 99th percentile of the time a decision takes: a batch of one on one thread, chase after chase."""
-    controller, environment = load_controller(controller_name, scenario), Environment(scenario)
-    times_ms: list[float] = []
-    chase = 0
-    while len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
-        state = environment.reset(chase_keys(TIMING_SEED, 1, chase))
-        memory = controller.begin(1, TIMING_SEED, chase)
-        ended = False
-        while not ended and len(times_ms) < WARM_UP_DECISIONS + TIMED_DECISIONS:
-            observation = state.observation()
-            began_s = time.perf_counter()
-            with torch.inference_mode():
-                action, memory = controller.decide(observation, memory)
-            times_ms.append(1000 * (time.perf_counter() - began_s))
-            state, outcome = environment.step(state, action)
-            ended = bool(outcome.reached | outcome.truncated)
-        chase += 1
+    controller = load_controller(controller_name, scenario)
+    # Every chase has a decision at least.
+    chases = range(WARM_UP_DECISIONS + TIMED_DECISIONS)
+    with torch.inference_mode():
+        timed = itertools.islice(play(scenario, controller, TIMING_SEED, chases, 1), len(chases))
+        times_ms = [1000 * step.decision_s for step in timed]
     p50, p99 = np.quantile(times_ms[WARM_UP_DECISIONS:], [0.5, 0.99])
     return float(p50), float(p99)
 
 
-def comparison_table(results: Sequence[Result]) -> "pa.Table":
-    """One row a chase of every result, with what is needed to redo it in the table's metadata."""
+def _comparison_table(results: Sequence[Result]) -> "pa.Table":
+    """One row a chase of every result."""
     import pyarrow as pa
 
     rows = [(number, chase) for number, result in enumerate(results) for chase in result.evaluation.chases]
@@ -218,8 +200,12 @@ def comparison_table(results: Sequence[Result]) -> "pa.Table":
         "reached": [chase.reached for _, chase in rows],
         "path_length_m": pa.array([chase.path_length_m for _, chase in rows], pa.float32()),
     }
-    origin = {"version": __version__, "results": [_origin(result) for result in results]}
-    return pa.table(columns).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+    return pa.table(columns)
+
+
+def _comparison_document(results: Sequence[Result]) -> Document:
+    """What is needed to redo the chases."""
+    return {"version": __version__, "results": [_origin(result) for result in results]}
 
 
 def _origin(result: Result) -> dict[str, Any]:
@@ -241,23 +227,18 @@ def read_results(path: Path) -> list[Result]:
     Raises:
         InputError: no such file, or not such a table.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    return read_table(path, "comparison table", _parsed_results)
 
-    try:
-        table = pq.read_table(path)
-        origins = json.loads(table.schema.metadata[b"swarmchase"])["results"]
-        chases: list[list[ChaseResult]] = [[] for _ in origins]
-        nowhere = float("nan")
-        for row in table.to_pylist():
-            number = row.pop("result")
-            seed = origins[number]["seed"]
-            chases[number].append(
-                ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
-            )
-        return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
-    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"cannot read the comparison table {path}: {error}") from error
+
+def _parsed_results(rows: list[Row], document: Document) -> list[Result]:
+    origins = document["results"]
+    chases: list[list[ChaseResult]] = [[] for _ in origins]
+    nowhere = float("nan")
+    for row in rows:
+        number = row.pop("result")
+        seed = origins[number]["seed"]
+        chases[number].append(ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
+    return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
 
 
 def _read_result(origin: dict[str, Any], chases: list[ChaseResult]) -> Result:

@@ -5,7 +5,6 @@ oracle once: it hears nothing, so all settings are one to it. A finished block i
 interrupted goes on behind the last one.
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,11 @@ from ..controllers import weights_sha256
 from ..controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
 from ..errors import InputError
 from ..scenario import Scenario, paper_scenario
-from .blocks import Finished, Job, Runner, evaluate_jobs, save_table
+from .blocks import Finished, Job, Runner, evaluate_jobs
 from .chases import ChaseResult
 from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 from .table import Evaluation
+from .tables import Document, Row, read_document, read_rows, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -90,8 +90,8 @@ def reproduce(
     _require_same_command(folder / TABLE_FILE, _command(episodes, seed))
     jobs = [Job(cell.name, cell.controller, cell.scenario, cell.scenario, cell.episodes(episodes)) for cell in cells()]
     evaluations = evaluate_jobs(folder, jobs, seed, processes, finished, runner)
-    save_table(folder / TABLE_FILE, movement_table(evaluations))
-    save_table(folder / FADING_FILE, fading_table(seed))
+    write_table(folder / TABLE_FILE, _movement_table(evaluations), _movement_document(evaluations))
+    write_table(folder / FADING_FILE, fading_table(seed), _fading_document(seed))
     return evaluations
 
 
@@ -100,21 +100,18 @@ def _command(episodes: int, seed: int) -> str:
 
 
 def _require_same_command(path: Path, command: str) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     if not path.exists():
         return
     try:
-        before = json.loads(pq.read_schema(path).metadata[b"swarmchase"])["command"]
-    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError):
+        before = read_document(path, "reproduction table").get("command", "something else")
+    except InputError:
         before = "something else"
     if before != command:
         raise InputError(f"{path} was made by {before!r}, not by {command!r}: choose another folder")
 
 
-def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
-    """One row a chase of every cell, with what is needed to redo it in the table's metadata."""
+def _movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
+    """One row a chase of every cell."""
     import pyarrow as pa
 
     rows = [(one, chase) for one in evaluations for chase in one.chases]
@@ -128,7 +125,12 @@ def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
         "reached": [chase.reached for _, chase in rows],
         "path_length_m": [chase.path_length_m for _, chase in rows],
     }
-    origin = {
+    return pa.table(columns)
+
+
+def _movement_document(evaluations: Sequence[Evaluation]) -> Document:
+    """What is needed to redo the chases."""
+    return {
         "version": __version__,
         "command": _command(len(evaluations[0].chases), evaluations[0].seed),
         "weights_sha256": {
@@ -140,7 +142,6 @@ def movement_table(evaluations: Sequence[Evaluation]) -> "pa.Table":
         "scenario": paper_scenario().to_dict(),
         "differs_by_row": ["sampling_hz", "spatial_correlation"],
     }
-    return pa.table(columns).replace_schema_metadata({"swarmchase": json.dumps(origin)})
 
 
 def read_evaluations(path: Path) -> list[Evaluation]:
@@ -149,21 +150,16 @@ def read_evaluations(path: Path) -> list[Evaluation]:
     Raises:
         InputError: no such file, or not such a table.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    return read_table(path, "reproduction table", _parsed_evaluations)
 
-    try:
-        table = pq.read_table(path)
-        json.loads(table.schema.metadata[b"swarmchase"])
-        rows = table.to_pylist()
-        keys = list(dict.fromkeys((row["controller"], row["sampling_hz"], row["spatial_correlation"]) for row in rows))
-        by_cell: dict[Any, list[ChaseResult]] = {key: [] for key in keys}
-        nowhere = float("nan")
-        for row in rows:
-            key = (row.pop("controller"), row.pop("sampling_hz"), row.pop("spatial_correlation"))
-            by_cell[key].append(ChaseResult(target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
-    except (OSError, pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"cannot read the reproduction table {path}: {error}") from error
+
+def _parsed_evaluations(rows: list[Row], _document: Document) -> list[Evaluation]:
+    by_cell: dict[tuple[str, float, float], list[ChaseResult]] = {}
+    nowhere = float("nan")
+    for row in rows:
+        key = (row.pop("controller"), row.pop("sampling_hz"), row.pop("spatial_correlation"))
+        chase = ChaseResult(target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
+        by_cell.setdefault(key, []).append(chase)
     return [Evaluation(Cell(*key).scenario, key[0], None, chases[0].seed, chases) for key, chases in by_cell.items()]
 
 
@@ -172,8 +168,11 @@ def fading_table(seed: int) -> "pa.Table":
     import pyarrow as pa
 
     rows = [row for setting in FADING_SETTINGS for row in _fading_rows(*setting, key=(seed, 0))]
-    origin = {"version": __version__, "seed": seed, "scenario": paper_scenario().to_dict()}
-    return pa.Table.from_pylist(rows).replace_schema_metadata({"swarmchase": json.dumps(origin)})
+    return pa.Table.from_pylist(rows)
+
+
+def _fading_document(seed: int) -> Document:
+    return {"version": __version__, "seed": seed, "scenario": paper_scenario().to_dict()}
 
 
 def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) -> Iterator[dict[str, Any]]:
@@ -193,6 +192,4 @@ def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) 
 
 def training_log() -> list[dict[str, Any]]:
     """The chases of the training that made ``paper-a3c`` for F = 10 Hz, rho = 0.9, as in a run's log: Fig. 4's data."""
-    import pyarrow.parquet as pq
-
-    return pq.read_table(TRAINING_LOG).to_pylist()  # type: ignore[no-any-return]
+    return read_rows(TRAINING_LOG, "training log")

@@ -6,7 +6,6 @@ size and any number of processes.
 
 import contextlib
 import dataclasses
-import json
 import math
 import multiprocessing
 import signal
@@ -18,23 +17,20 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import ActionChoice, chosen_weights, load_controller
 from ..errors import InputError, WorkerDiedError
-from ..files import atomic_path
 from ..scenario import Scenario
-from .chases import DEFAULT_BATCH_SIZE, ChaseResult, nearest_rank_percentile, run_chases
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
+from .statistics import mean_interval, nearest_rank_percentile, percentile_interval
+from .tables import write_table
 
 SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
 SHARE_CHASES = 500
 """A further process is started for every so many chases: for fewer it would cost more time than it saves."""
-CONFIDENCE = 0.95
-NORMAL_QUANTILE = 1.959964
-"""Of (1 + CONFIDENCE) / 2."""
 
 
 def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
@@ -95,7 +91,6 @@ class Evaluation:
     def save_parquet(self, path: Path) -> None:
         """Write one row a chase, with everything needed to redo it in the file's metadata, whole or not at all."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
         columns = {
             field.name: [getattr(chase, field.name) for chase in self.chases]
@@ -111,9 +106,7 @@ class Evaluation:
             "weights": self.weights,
             "seed": self.seed,
         }
-        table = pa.table({**columns, **times}).replace_schema_metadata({"swarmchase": json.dumps(origin)})
-        with atomic_path(path) as temporary:
-            pq.write_table(table, temporary)
+        write_table(path, pa.table({**columns, **times}), origin, compression="snappy")
 
     def _times_s(self, speed_mps: float) -> list[float]:
         world = self.world or self.scenario
@@ -121,28 +114,6 @@ class Evaluation:
             tracking_time_s(world, min(chase.movements, world.max_movements), chase.path_length_m, speed_mps)
             for chase in self.chases
         ]
-
-
-def percentile_interval(values: NDArray[Any], percent: float | int) -> list[float]:
-    """A 95 % confidence interval of a percentile from order statistics: binomial, whatever the distribution.
-
-    It never leaves the range of the values, so of a few values it covers the percentile less often.
-    """
-    from scipy.stats import binom
-
-    ordered = np.sort(values)
-    share = (1 - CONFIDENCE) / 2
-    low = int(binom.ppf(share, len(ordered), percent / 100))
-    high = int(binom.ppf(1 - share, len(ordered), percent / 100)) + 1
-    return [float(ordered[max(0, low - 1)]), float(ordered[min(len(ordered) - 1, high - 1)])]
-
-
-def mean_interval(values: NDArray[Any]) -> list[float] | None:
-    """A 95 % confidence interval of the mean, normal approximation; None for one value, which has no spread."""
-    if len(values) < 2:
-        return None
-    half_width = NORMAL_QUANTILE * float(values.std(ddof=1)) / math.sqrt(len(values))
-    return [float(values.mean()) - half_width, float(values.mean()) + half_width]
 
 
 def evaluate(

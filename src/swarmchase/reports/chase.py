@@ -1,46 +1,20 @@
-"""Figures: each a function of what lies on disk. Nothing here simulates.
-
-Sizes and fonts are those of a two-column page of the paper's journal; colours differ in lightness and lines in marker
-or dash as well as in hue, so that nothing is lost without colour vision or in grey.
-"""
+"""The picture of one chase, from its log on disk."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..files import atomic_path
+from .style import PAGE_WIDTH_INCHES, STYLE, TRACKER_COLORS, TRACKER_MARKERS, TRACKER_NAMES, save_figure
 
-PAGE_WIDTH_INCHES = 7.16
-TRACKER_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
-TRACKER_COLORS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#00694E", "#CC79A7")
-"""Okabe and Ito's colours (+z darkened), distinguishable without colour vision; + is darker than its opposite."""
-TRACKER_MARKERS = ("o", "o", "s", "s", "^", "^")
-"""One shape an axis: filled on its positive side, hollow on the other."""
 TARGET_COLOR = "#D55E00"
 START_COLOR = "#0072B2"
 SHADOW_COLOR = "#B0B0B0"
 MOST_MARKERS = 25
-REWARD_CHASES = 100
-"""Chases that a point of the training's reward curve averages, as in Fig. 4 of the paper."""
-NETWORK_COLORS = ("#000000", "#0072B2", "#D55E00", "#00694E")
-STYLE: Any = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "legend.fontsize": 7,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "grid.linewidth": 0.5,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "pdf.fonttype": 42,
-}
 
 
 def draw_chase(log: dict[str, Any], path: Path) -> None:
@@ -61,13 +35,6 @@ def draw_chase(log: dict[str, Any], path: Path) -> None:
         title = _title(log)
         figure.suptitle(title, fontsize=8)
         save_figure(figure, path, title)
-
-
-def save_figure(figure: Figure, path: Path, title: str) -> None:
-    """Write PNG or PDF, whole or not at all; the same figure is the same file."""
-    dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format=path.suffix.lstrip("."), dpi=200, metadata={"Title": title, **dates})
 
 
 def _title(log: dict[str, Any]) -> str:
@@ -179,48 +146,3 @@ def _draw_spacing(axes: Axes, log: dict[str, Any]) -> None:
     )
     axes.set_xlim(0, moments[-1]["movement"] + 1)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def draw_training(chases: Sequence[dict[str, Any]], evaluations: Sequence[dict[str, Any]], path: Path) -> None:
-    """How a training went, from its log: reward per movement of the four networks, and the evaluations' movements.
-
-    Rewards are averaged over ``REWARD_CHASES`` chases, as in Fig. 4 of the paper, or over all where there are less.
-    """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
-        reward_axes, movement_axes = figure.subplots(1, 2)
-        draw_rewards(reward_axes, chases)
-        update = [evaluation["update"] for evaluation in evaluations]
-        movement_axes.plot(
-            update,
-            [one["movements_p90"] for one in evaluations],
-            color="black",
-            marker="o",
-            markersize=3,
-            label="90th percentile",
-        )
-        movement_axes.plot(
-            update,
-            [one["movements_mean"] for one in evaluations],
-            color="#0072B2",
-            linestyle="--",
-            marker="s",
-            markersize=3,
-            label="mean",
-        )
-        movement_axes.set(xlabel="updates of the global networks", ylabel="movements", ylim=(0, None))
-        movement_axes.legend(frameon=False)
-        save_figure(figure, path, "training")
-
-
-def draw_rewards(axes: Axes, chases: Sequence[dict[str, Any]]) -> None:
-    """Reward per movement of the four networks, from the chases of a training's log."""
-    averaged = min(REWARD_CHASES, len(chases))
-    update = [chase["update"] for chase in chases[averaged - 1 :]]
-    for network, (name, color, line) in enumerate(zip("dxyz", NETWORK_COLORS, ("-", "--", "-.", ":"), strict=True)):
-        won_m = np.cumsum([0.0] + [chase["reward_m"][network] for chase in chases])
-        made = np.cumsum([0.0] + [chase["movements"] for chase in chases])
-        mean_m = (won_m[averaged:] - won_m[:-averaged]) / (made[averaged:] - made[:-averaged])
-        axes.plot(update, mean_m, color=color, linestyle=line, label=f"θ$^{name}$")
-    axes.set(xlabel="updates of the global networks", ylabel=f"reward per movement (m),\nmean of {averaged} chases")
-    axes.legend(frameon=False, ncols=2)

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .chase import PAGE_WIDTH_INCHES, STYLE, save_figure
-from .comparison import CONTROLLER_STYLES
+from .style import CONTROLLER_STYLES, PAGE_WIDTH_INCHES, STYLE, save_figure
 
 STALENESS_UPDATES = 100
 """Updates that a point of the staleness curve averages."""

@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, NullLocator
 
 from ..evaluation.paper_results import MOVEMENTS_P90
-from .chase import PAGE_WIDTH_INCHES, STYLE, save_figure
-from .paper import (
+from .marks import (
     FORMATS,
     MOST_SHOWN,
     ORACLE_COLOR,
@@ -24,20 +23,8 @@ from .paper import (
     sampling_axis,
     star_last,
 )
+from .style import CONTROLLER_STYLES, PAGE_WIDTH_INCHES, STYLE, save_figure
 
-CONTROLLER_STYLES = (
-    ("#000000", "o", "-"),
-    ("#0072B2", "s", "--"),
-    ("#D55E00", "^", "-."),
-    ("#00694E", "v", ":"),
-    ("#CC79A7", "D", (0, (5, 1))),
-    ("#E69F00", "P", (0, (3, 1, 1, 1))),
-    ("#56B4E9", "X", (0, (1, 1))),
-    ("#7B3294", "<", (0, (7, 2))),
-    ("#8C510A", ">", (0, (2, 2))),
-)
-"""Colour (Okabe and Ito, and two more), marker and line of the controllers in their order; they repeat after the
-last."""
 STATED_COLOR = "#7A7A7A"
 MOST_PANELS = 12
 PANELS_A_ROW = 4

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .paper_tables import shown_interval
+from .intervals import shown_interval
 
 Row = dict[str, Any]
 

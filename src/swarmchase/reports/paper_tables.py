@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
+from .intervals import shown_interval
 
 Summaries = Sequence[dict[str, Any]]
 
@@ -104,8 +105,3 @@ def _mean(row: dict[str, Any]) -> str:
 
 def _time(row: dict[str, Any], speed: str) -> str:
     return f"{row['tracking_time_mean_s'][speed]:.1f} s" + shown_interval(row["tracking_time_mean_s_ci95"][speed], 1)
-
-
-def shown_interval(interval: Sequence[float] | None, digits: int) -> str:
-    """`` [low, high]``; nothing where there is none."""
-    return "" if interval is None else f" [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"

@@ -22,6 +22,7 @@ from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 from .site import World
+from .told_controller import told_where
 from .virtual_network import CONTROLLER, VirtualNetwork
 
 TICK_S = 0.025
@@ -100,11 +101,12 @@ class VirtualChase:
         self.wall_clock = SkewedClock(self.clock)
         """The controller's idea of real time."""
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
-        self._scenario, self._controller, self._seed, self._chase = scenario, controller, seed, chase
+        self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
         self._recorder, self._watch = recorder, watch
         self.world = World(scenario, seed, chase, self._plan)
         self.world.begin(START_NS)
+        self._controller = told_where(controller, self.world.radio.target_m)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
         self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
         self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]

@@ -8,7 +8,8 @@ from typing import Any
 import torch
 
 from ..controllers import network_controller
-from ..evaluation.chases import ChaseResult, nearest_rank_percentile, run_chases
+from ..evaluation.chases import ChaseResult, run_chases
+from ..evaluation.statistics import nearest_rank_percentile
 from ..networks.weights import FiledNetworks, save_weights
 from ..scenario import Scenario
 from ..world.departures import drawn_world

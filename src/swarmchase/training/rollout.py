@@ -1,7 +1,9 @@
 """T movements of a batch of chases under the current policies: what every trainer learns from.
 
 A chase that ends stops there, as in Algorithm 1: its remaining steps are marked invalid (in a batch it moves along
-unseen until the rollout ends), and its trainer begins another.
+unseen until the rollout ends), and its trainer begins another. It does not play as evaluation does
+(``evaluation.play``): it drives networks, not controllers, keeps a batch of one size for a fixed number of steps, and
+asks the simulator what no controller may know.
 """
 
 from dataclasses import dataclass

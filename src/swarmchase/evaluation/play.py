@@ -1,0 +1,83 @@
+"""A controller in the world, movement by movement: the loop under evaluation, chase log and decision times.
+
+The batch is kept full: a chase that ends makes room for the next. Since every chase has its own streams, what happens
+in it is the same for any batch size.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..batch.selection import join_chases, select_chases
+from ..batch.streams import chase_keys
+from ..controllers.protocol import Controller, KnowsTarget
+from ..errors import InputError
+from ..formation import Action
+from ..scenario import Scenario
+from ..world.environment import Environment, Outcome, State
+
+
+@dataclass(frozen=True)
+class Step:
+    """One movement of every chase at work, a row each."""
+
+    chases: list[int]
+    """Their numbers."""
+    before: State
+    action: Action
+    after: State
+    outcome: Outcome
+    decision_s: float
+    """Wall time that the controller took for the actions."""
+
+    def ended_rows(self) -> list[int]:
+        """The rows of the chases that this movement ended."""
+        return [int(row) for row in np.flatnonzero((self.outcome.reached | self.outcome.truncated).tolist())]
+
+
+def play(scenario: Scenario, controller: Controller, seed: int, chases: range, batch_size: int) -> Iterator[Step]:
+    """Play these chases of run ``seed`` in the world of ``scenario``, ``batch_size`` of them at a time.
+
+    A controller that ``KnowsTarget`` is told it before every decision.
+
+    Args:
+        chases: consecutive numbers; they begin in this order.
+
+    Raises:
+        InputError: no room for any chase.
+    """
+    if batch_size < 1:
+        raise InputError(f"batch_size = {batch_size} is refused: allowed is at least 1")
+    environment = Environment(scenario)
+    numbers: list[int] = []
+    state: State | None = None
+    memory: Any = None
+    waiting = chases
+    while waiting or numbers:
+        room = batch_size - len(numbers)
+        admitted, waiting = waiting[:room], waiting[room:]
+        if admitted:
+            new_state = environment.reset(chase_keys(seed, len(admitted), admitted[0]))
+            new_memory = controller.begin(len(admitted), seed, admitted[0])
+            state = new_state if state is None or not numbers else join_chases(state, new_state)
+            memory = new_memory if not numbers else join_chases(memory, new_memory)
+            numbers = [*numbers, *admitted]
+        assert state is not None
+        if isinstance(controller, KnowsTarget):
+            memory = controller.told(memory, state.target_position_m)
+        observation = state.observation()
+        began_s = time.perf_counter()
+        action, memory = controller.decide(observation, memory)
+        decision_s = time.perf_counter() - began_s
+        after, outcome = environment.step(state, action)
+        step = Step(numbers, state, action, after, outcome, decision_s)
+        yield step
+        state, ended = after, set(step.ended_rows())
+        if ended:
+            running = [row for row in range(len(numbers)) if row not in ended]
+            numbers = [numbers[row] for row in running]
+            if running:
+                state, memory = select_chases(state, running), select_chases(memory, running)
