@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from ...errors import InputError
+from ..errors import InputError
 
 
 def open_serial_port(path: Path, baud: int = 115_200) -> int:
