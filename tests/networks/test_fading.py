@@ -126,6 +126,18 @@ def test_corrected_power_is_the_mean_power_less_what_is_expected(network):
     torch.testing.assert_close(CorrectedPower(network, WORLD)(rssi_dbm), expected_dbm, atol=1e-4, rtol=0)
 
 
+def test_the_law_is_drawn_once_for_what_it_is_a_function_of(network):
+    same, other = FadingNetwork(), FadingNetwork(torch.Generator().manual_seed(4))
+    same.load_state_dict(network.state_dict())
+    nearer = dataclasses.replace(WORLD, start_distance_m=20.0, path_loss_exponent=3.0)
+    law = fading_law(WORLD, CorrectedPower(network, WORLD))
+    assert fading_law(nearer, CorrectedPower(same, nearer)) is law
+    assert fading_law(WORLD, CorrectedPower(other, WORLD)) is not law
+    assert fading_law(WORLD) is not law
+    slower = dataclasses.replace(WORLD, doppler_spread_hz=0.5)
+    assert fading_law(slower, CorrectedPower(network, slower)) is not law
+
+
 def rollout_of(network, num_chases, world=WORLD):
     keys = chase_keys(9, num_chases)
     environment = Environment(world)

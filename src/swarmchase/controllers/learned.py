@@ -1,8 +1,8 @@
 """``paper``, ``robust`` and every other controller whose decisions come from trained networks.
 
 Networks of the paper's form decide from the current window alone; the gated one remembers. Missing samples (NaN)
-are filled by the networks, each in its way (``networks.actor_critic.filled_window_dbm``, ``networks.gated``); in a window without
-any sample the controller holds still and remembers nothing of it.
+are filled by the networks, each in its way (``networks.actor_critic.filled_window_dbm``, ``networks.gated``); in a
+window without any sample the controller holds still and remembers nothing of it.
 """
 
 from dataclasses import dataclass
@@ -38,6 +38,18 @@ class LearnedMemory:
     """Each chase's own random numbers for sampling actions."""
 
 
+def require_action_sets(scenario: Scenario, name: str) -> None:
+    """Refuse a scenario that a learned controller of this name cannot decide in.
+
+    Raises:
+        InputError: action sets that are not of five choices each.
+    """
+    if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
+        raise InputError(
+            f"{name} decides between {NUM_CHOICES} spacings and displacements; the scenario has other action sets"
+        )
+
+
 class LearnedController:
     """Samples from its policies ("stochastically determine", Section II.A), or takes their most likely action.
 
@@ -52,10 +64,7 @@ class LearnedController:
         name: str,
         action_choice: ActionChoice = "sampled",
     ) -> None:
-        if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
-            raise InputError(
-                f"{name} decides between {NUM_CHOICES} spacings and displacements; the scenario has other action sets"
-            )
+        require_action_sets(scenario, name)
         self.name = name
         self._scenario = scenario
         self._networks = networks.eval()

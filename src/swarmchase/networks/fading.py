@@ -9,6 +9,7 @@ It is told F and rho. A missing sample (NaN) is interpolated between its neighbo
 sample counts nowhere.
 """
 
+import hashlib
 import math
 
 import torch
@@ -89,6 +90,14 @@ class CorrectedPower:
     def __init__(self, network: FadingNetwork, scenario: Scenario) -> None:
         self._network = network.eval()
         self._scenario = scenario
+        self._content = _content_sha256(network), scenario.sampling_hz, scenario.spatial_correlation
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the two give the same levels, by what the networks held when they came here."""
+        return isinstance(other, CorrectedPower) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     def __call__(self, rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Tensor, "chase tracker"]:
         """In dBm; NaN where a tracker has no sample."""
@@ -98,6 +107,15 @@ class CorrectedPower:
         with torch.inference_mode():
             expected_db: Tensor = self._network(window_dbm, self._network.begin(self._scenario, len(window_dbm)))
         return mean_power_dbm(rssi_dbm) - expected_db[:num_chases].clone()
+
+
+def _content_sha256(network: FadingNetwork) -> str:
+    """Of its class and its parameters."""
+    digest = hashlib.sha256(type(network).__qualname__.encode())
+    for name, tensor in network.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.cpu().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def interpolated(
