@@ -19,12 +19,13 @@ from swarmchase.controllers.particle import ParticleController
 from swarmchase.errors import InputError
 from swarmchase.evaluation.chases import run_chases
 from swarmchase.networks.fading import CorrectedPower, FadingNetwork, interpolated
+from swarmchase.networks.forms import continued_networks, deployed
 from swarmchase.networks.weights import load_weights, save_weights
 from swarmchase.observation import mean_power_dbm
 from swarmchase.scenario import paper_scenario
 from swarmchase.training.batched import train_batched
 from swarmchase.training.losses import LEAST_VARIANCE, LossSettings, fading_loss
-from swarmchase.training.parameters import FlatNetworks, continued_networks, deployed
+from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.rollout import collect
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS

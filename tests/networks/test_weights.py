@@ -15,7 +15,8 @@ from swarmchase.errors import InputError
 from swarmchase.networks.actor_critic import SwarmNetworks
 from swarmchase.networks.fading import FadingNetwork
 from swarmchase.networks.gated import GatedNetwork
-from swarmchase.networks.weights import FORMAT, load_weights, save_weights, shared_weights
+from swarmchase.networks.paper import PaperForm
+from swarmchase.networks.weights import load_weights, save_weights, shared_weights
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
 from swarmchase.world.environment import Environment
@@ -43,7 +44,7 @@ def test_what_is_written_is_read(tmp_path, networks, dtype):
     assert load_file(path)[HEAD].dtype == dtype
     assert [file.name for file in path.parent.iterdir()] == ["it.safetensors"]
     found, configuration = load_weights(path)
-    assert configuration == {"format": FORMAT, **CONFIGURATION}
+    assert configuration == {"format": PaperForm.file_format, **CONFIGURATION}
     assert not found.training
     for name, tensor in networks.state_dict().items():
         assert found.state_dict()[name].dtype == torch.float32
@@ -69,7 +70,11 @@ def rewritten(path, change, document=None):
     """The good file with its tensors changed in place by ``change``."""
     tensors = load_file(path)
     change(tensors)
-    save_file(tensors, path, {"swarmchase": json.dumps({"format": FORMAT, **CONFIGURATION, **(document or {})})})
+    save_file(
+        tensors,
+        path,
+        {"swarmchase": json.dumps({"format": PaperForm.file_format, **CONFIGURATION, **(document or {})})},
+    )
 
 
 def one_bit_of_the_header(path):

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 from ..errors import InputError
-from ..networks.actor_critic import PAPER_WINDOW_SAMPLES
-from ..networks.fading import CorrectedPower, FadingNetwork
-from ..networks.gated import GatedNetwork
-from ..networks.weights import FiledNetworks, checked_weights, shared_weights
+from ..networks.fading import CorrectedPower
+from ..networks.forms import FORMS
+from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
+from ..networks.weights import checked_weights, shared_weights
 from ..scenario import Scenario
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
@@ -108,7 +108,7 @@ def require_controller(name_or_path: str | Path, scenario: Scenario) -> None:
 
 
 def network_controller(
-    scenario: Scenario, networks: FiledNetworks, name: str, action_choice: ActionChoice
+    scenario: Scenario, networks: HearingNetworks, name: str, action_choice: ActionChoice
 ) -> Controller:
     """The controller that decides by these networks. One that has a network for its likelihood alone draws nothing:
     ``action_choice`` is not for it.
@@ -116,9 +116,10 @@ def network_controller(
     Raises:
         InputError: windows of a length, or action sets, that the networks do not take.
     """
-    _require_fit(type(networks), scenario, name)
-    if isinstance(networks, FadingNetwork):
+    _require_fit(FORMS[networks.form], scenario, name)
+    if isinstance(networks, ExpectingNetwork):
         return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
+    assert isinstance(networks, DecidingNetworks)
     return LearnedController(scenario, networks, name, action_choice)
 
 
@@ -142,11 +143,11 @@ def _filed_action_choice(path: Path, configuration: dict[str, Any]) -> ActionCho
     return filed_choice
 
 
-def _require_fit(form: type[FiledNetworks], scenario: Scenario, name: str) -> None:
+def _require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
     """Refuse a scenario that networks of this form cannot decide in."""
-    if issubclass(form, GatedNetwork | FadingNetwork) and scenario.window_samples != PAPER_WINDOW_SAMPLES:
+    if form.window_samples not in (None, scenario.window_samples):
         raise InputError(
-            f"{name} needs windows of {PAPER_WINDOW_SAMPLES} samples; the scenario has {scenario.window_samples}"
+            f"{name} needs windows of {form.window_samples} samples; the scenario has {scenario.window_samples}"
         )
-    if not issubclass(form, FadingNetwork):
+    if issubclass(form.filed, DecidingNetworks):
         require_action_sets(scenario, name)

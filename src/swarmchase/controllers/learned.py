@@ -14,8 +14,8 @@ from ..batch.array_types import Float, Int, Tensor
 from ..batch.streams import ChaseStreams, chase_keys
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, WindowNetworks, greedy_choice, sampled_choice
-from ..networks.gated import GatedNetwork
+from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
+from ..networks.protocol import DecidingNetworks
 from ..observation import Observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
@@ -60,7 +60,7 @@ class LearnedController:
     def __init__(
         self,
         scenario: Scenario,
-        networks: WindowNetworks | GatedNetwork,
+        networks: DecidingNetworks,
         name: str,
         action_choice: ActionChoice = "sampled",
     ) -> None:
