@@ -23,10 +23,10 @@ from swarmchase.channel.fading import (
     FadingState,
     harmonic_frequency_hz,
     jakes_basis,
-    path_loss_db,
     rssi_dbm,
     spatial_mixing,
 )
+from swarmchase.channel.propagation import path_loss_db
 from swarmchase.scenario import Scenario, paper_scenario
 
 NUM_TRACKERS = 6

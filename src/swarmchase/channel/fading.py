@@ -21,6 +21,7 @@ from scipy.special import j0, jv
 from ..batch.array_types import Float, Tensor
 from ..batch.streams import ChaseKey, ChaseStreams, Purpose
 from ..scenario import NUM_TRACKERS, Scenario
+from .propagation import unfaded_dbm
 
 DISCARDED_POWER = 1e-9
 """Share of the scattered power that the truncated eigendecomposition may leave out (its error in any covariance)."""
@@ -30,12 +31,6 @@ CONTINUOUS_HORIZON_S = 60.0
 """Lags up to which the continuous process has the exact autocorrelation; a window and a movement last at most 6 s."""
 DEEPEST_FADE_DB = -200.0
 """Fading is never reported deeper than this, so that a sample is finite even if |h| underflows."""
-
-
-def path_loss_db(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """Eq. (2): L_0 + 10 n log10(d / d_0), with d clamped at d_0 from below."""
-    ratio = distance_m.clamp_min(scenario.reference_distance_m) / scenario.reference_distance_m
-    return scenario.reference_path_loss_db + 10 * scenario.path_loss_exponent * torch.log10(ratio)
 
 
 def fading_db(fading: Float[Tensor, "chase tracker 2 sample"]) -> Float[Tensor, "chase tracker sample"]:
@@ -49,11 +44,6 @@ def rssi_dbm(
 ) -> Float[Tensor, "chase sample tracker"]:
     """Eq. (1): the RSSI window that six trackers at these distances report, float32."""
     return fading_db(fading).add_(unfaded_dbm(scenario, distance_m).float()[:, :, None]).transpose(1, 2)
-
-
-def unfaded_dbm(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """What would be heard at these distances if nothing faded."""
-    return scenario.transmit_power_dbm - path_loss_db(scenario, distance_m)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """``particle``: a particle filter over the target's position that keeps its belief from movement to movement.
 
 It is told the scenario: path loss, fading, correlation and the distance at the start. A window enters by its six mean
-powers, whose joint law under the scenario's fading is ``channel.fading_law.FadingLaw``, the correlation between trackers
-included. Resampling is systematic, followed by a Gaussian kernel in proportion to the belief's own covariance
+powers, whose joint law under the scenario's fading is ``channel.fading_law.FadingLaw``, the correlation between
+trackers included. Resampling is systematic, followed by a Gaussian kernel in proportion to the belief's own covariance
 (regularised particle filter: Musso, Oudjane and Le Gland 2001), so that the particles never collapse to copies of one.
 On each axis it takes the displacement that leaves the least expected distance.
 
