@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from .batch.selection import join_chases, select_chases
 from .batch.streams import ChaseKey, chase_keys
-from .channel.fading import DEEPEST_FADE_DB, path_loss_db
+from .channel.fading import DEEPEST_FADE_DB
+from .channel.propagation import path_loss_db
 from .errors import InputError
 from .formation import Action, action_from_choice
 from .gym_registration import ENVIRONMENT_ID

@@ -23,9 +23,9 @@ from swarmchase.channel.fading import (
     FadingState,
     harmonic_frequency_hz,
     jakes_basis,
-    path_loss_db,
     spatial_mixing,
 )
+from swarmchase.channel.propagation import path_loss_db
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.radio import rssi_dbm
 

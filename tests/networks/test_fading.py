@@ -19,12 +19,13 @@ from swarmchase.controllers.particle import ParticleController
 from swarmchase.errors import InputError
 from swarmchase.evaluation.chases import run_chases
 from swarmchase.networks.fading import CorrectedPower, FadingNetwork, interpolated
+from swarmchase.networks.forms import continued_networks, deployed
 from swarmchase.networks.weights import load_weights, save_weights
 from swarmchase.observation import mean_power_dbm
 from swarmchase.scenario import paper_scenario
 from swarmchase.training.batched import train_batched
 from swarmchase.training.losses import LEAST_VARIANCE, LossSettings, fading_loss
-from swarmchase.training.parameters import FlatNetworks, continued_networks, deployed
+from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.rollout import collect
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS
@@ -124,6 +125,18 @@ def test_corrected_power_is_the_mean_power_less_what_is_expected(network):
     with torch.inference_mode():
         expected_dbm = mean_power_dbm(rssi_dbm) - network(rssi_dbm, network.begin(WORLD, 20))
     torch.testing.assert_close(CorrectedPower(network, WORLD)(rssi_dbm), expected_dbm, atol=1e-4, rtol=0)
+
+
+def test_the_law_is_drawn_once_for_what_it_is_a_function_of(network):
+    same, other = FadingNetwork(), FadingNetwork(torch.Generator().manual_seed(4))
+    same.load_state_dict(network.state_dict())
+    nearer = dataclasses.replace(WORLD, start_distance_m=20.0, path_loss_exponent=3.0)
+    law = fading_law(WORLD, CorrectedPower(network, WORLD))
+    assert fading_law(nearer, CorrectedPower(same, nearer)) is law
+    assert fading_law(WORLD, CorrectedPower(other, WORLD)) is not law
+    assert fading_law(WORLD) is not law
+    slower = dataclasses.replace(WORLD, doppler_spread_hz=0.5)
+    assert fading_law(slower, CorrectedPower(network, slower)) is not law
 
 
 def rollout_of(network, num_chases, world=WORLD):

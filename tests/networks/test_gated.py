@@ -16,6 +16,7 @@ from swarmchase.controllers.learned import LearnedController
 from swarmchase.errors import InputError
 from swarmchase.formation import tracker_position_m
 from swarmchase.networks.actor_critic import PAPER_WINDOW_SAMPLES, SwarmNetworks
+from swarmchase.networks.forms import continued_networks, deployed
 from swarmchase.networks.gated import GatedNetwork
 from swarmchase.networks.weights import load_weights, save_weights
 from swarmchase.observation import Observation
@@ -23,7 +24,6 @@ from swarmchase.scenario import paper_scenario
 from swarmchase.training.agent import LocalAgent
 from swarmchase.training.batched import train_batched
 from swarmchase.training.losses import LossSettings
-from swarmchase.training.parameters import continued_networks, deployed
 from swarmchase.training.rollout import collect
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS, training_seed

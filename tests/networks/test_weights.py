@@ -9,11 +9,14 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.controllers import load_controller
+from swarmchase.controllers import controller_names, load_controller, require_controller
 from swarmchase.controllers.learned import LearnedController
 from swarmchase.errors import InputError
 from swarmchase.networks.actor_critic import SwarmNetworks
-from swarmchase.networks.weights import FORMAT, load_weights, save_weights
+from swarmchase.networks.fading import FadingNetwork
+from swarmchase.networks.gated import GatedNetwork
+from swarmchase.networks.paper import PaperForm
+from swarmchase.networks.weights import load_weights, save_weights, shared_weights
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
 from swarmchase.world.environment import Environment
@@ -41,7 +44,7 @@ def test_what_is_written_is_read(tmp_path, networks, dtype):
     assert load_file(path)[HEAD].dtype == dtype
     assert [file.name for file in path.parent.iterdir()] == ["it.safetensors"]
     found, configuration = load_weights(path)
-    assert configuration == {"format": FORMAT, **CONFIGURATION}
+    assert configuration == {"format": PaperForm.file_format, **CONFIGURATION}
     assert not found.training
     for name, tensor in networks.state_dict().items():
         assert found.state_dict()[name].dtype == torch.float32
@@ -67,7 +70,11 @@ def rewritten(path, change, document=None):
     """The good file with its tensors changed in place by ``change``."""
     tensors = load_file(path)
     change(tensors)
-    save_file(tensors, path, {"swarmchase": json.dumps({"format": FORMAT, **CONFIGURATION, **(document or {})})})
+    save_file(
+        tensors,
+        path,
+        {"swarmchase": json.dumps({"format": PaperForm.file_format, **CONFIGURATION, **(document or {})})},
+    )
 
 
 def one_bit_of_the_header(path):
@@ -174,6 +181,52 @@ def test_an_unknown_name_is_answered_with_the_names_there_are(name):
 def test_a_folder_is_no_controller(tmp_path):
     with pytest.raises(InputError, match="no controller"):
         load_controller(tmp_path, paper_scenario())
+
+
+def refusal_of(ask, *given):
+    with pytest.raises(InputError) as refusal:
+        ask(*given)
+    return str(refusal.value)
+
+
+@pytest.mark.parametrize("spoil", [spoil for spoil, _ in BAD_FILES.values()], ids=BAD_FILES.keys())
+def test_a_check_refuses_a_bad_file_as_loading_does(path, spoil):
+    spoil(path)
+    assert refusal_of(require_controller, path, paper_scenario()) == refusal_of(load_controller, path, paper_scenario())
+
+
+@pytest.mark.parametrize("network", [SwarmNetworks, GatedNetwork, FadingNetwork])
+@pytest.mark.parametrize("world", [{}, {"window_samples": 40}, {"spacing_choices_m": (1.0, 2.0)}])
+def test_a_check_refuses_a_scenario_as_loading_does(tmp_path, network, world):
+    save_weights(tmp_path / "it.safetensors", network(torch.Generator().manual_seed(0)), {})
+    for name in [tmp_path / "it.safetensors", tmp_path, "papper", *controller_names()]:
+        scenario, refusals = paper_scenario(**world), []
+        for ask in (require_controller, load_controller):
+            try:
+                ask(name, scenario)
+            except InputError as refusal:
+                refusals.append(str(refusal))
+        assert refusals[:1] == refusals[1:], name
+
+
+def test_a_check_builds_nothing_and_draws_nothing(path, monkeypatch):
+    monkeypatch.setattr(SwarmNetworks, "load_state_dict", None)
+    before = torch.random.get_rng_state()
+    require_controller(path, paper_scenario())
+    assert torch.equal(torch.random.get_rng_state(), before)
+
+
+def test_networks_are_shared_by_what_their_file_holds(tmp_path, path):
+    found, configuration = shared_weights(path)
+    copy = tmp_path / "copy.safetensors"
+    copy.write_bytes(path.read_bytes())
+    assert shared_weights(copy)[0] is found
+    save_weights(copy, SwarmNetworks(torch.Generator().manual_seed(1)), CONFIGURATION)
+    other, _ = shared_weights(copy)
+    expected, its_configuration = load_weights(copy)
+    assert all(torch.equal(other.state_dict()[name], tensor) for name, tensor in expected.state_dict().items())
+    assert configuration == its_configuration
+    assert load_weights(path)[0] is not found  # training changes what it loads
 
 
 def window(num_chases=2, samples=50, trackers=6):

@@ -16,13 +16,13 @@ from swarmchase.commands.train import TrainBatchedCommand
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.networks.actor_critic import SwarmNetworks, SymmetricNetworks, with_policy_scale
+from swarmchase.networks.forms import continued_networks, deployed, new_networks
 from swarmchase.networks.weights import load_weights, save_weights
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.training.a3c import train_a3c
 from swarmchase.training.agent import NEAREST_START, LocalAgent
 from swarmchase.training.batched import train_batched
 from swarmchase.training.losses import LossSettings
-from swarmchase.training.parameters import continued_networks, deployed, new_networks
 from swarmchase.training.rollout import Rollout
 from swarmchase.training.run import TrainingStatus
 from swarmchase.training.run_folder import read_log

@@ -22,10 +22,11 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..networks.actor_critic import NETWORK_NAMES, ActorCritic, SwarmNetworks
+from ..networks.forms import new_networks
 from ..scenario import paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters
-from ..training.parameters import FlatNetworks, new_networks
+from ..training.parameters import FlatNetworks
 from ..training.settings import PRESETS, Precision
 from ..training.worker import make_global_agent, work_once
 from .training import steps_per_s as a3c_steps_per_s

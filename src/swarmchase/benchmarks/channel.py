@@ -26,7 +26,8 @@ import numpy as np
 import torch
 
 from ..batch.streams import chase_keys
-from ..channel.fading import FadingProcess, path_loss_db
+from ..channel.fading import FadingProcess
+from ..channel.propagation import path_loss_db
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
 from ..world.radio import rssi_dbm
 

@@ -22,9 +22,10 @@ import torch
 from ..cluster.connection import LOCAL_OBJECT_STORE_BYTES, Cluster, at_node, connected, ray_module
 from ..cluster.global_actor import GlobalAgentActor
 from ..cluster.local_actor import LocalAgentActor, Report
+from ..networks.forms import new_networks
 from ..scenario import paper_scenario
 from ..training.global_agent import SharedParameters
-from ..training.parameters import FlatNetworks, new_networks
+from ..training.parameters import FlatNetworks
 from ..training.settings import MOST_UPDATES, TrainingSettings
 from .cluster_model import UpdateCost, fitted_line, on_few_cores, predicted, saturating_agents
 

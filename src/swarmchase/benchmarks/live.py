@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from ..batch.freed_memory import keep_freed_memory
-from ..controllers import load_controller
+from ..controllers import load_controller, require_controller
 from ..evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
 from ..live.service.loop import percentile_ms
 from ..live.tracker.agent import AgentSettings
@@ -58,7 +58,7 @@ def measure(
     scenario: Scenario, controller: str, chases: int, seed: int, processes: int, finished: Finished
 ) -> dict[str, Any]:
     """Chases 0, 1, ... of the seed in every setting."""
-    load_controller(controller, scenario)
+    require_controller(controller, scenario)
     work = [_Chase(scenario, controller, seed, chase) for chase in range(chases)]
     by_setting: dict[str, list[VirtualResult]] = {name: [] for name in SETTINGS}
     for number, results in enumerate(_run(work, processes), start=1):

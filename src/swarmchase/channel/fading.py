@@ -32,21 +32,10 @@ DEEPEST_FADE_DB = -200.0
 """Fading is never reported deeper than this, so that a sample is finite even if |h| underflows."""
 
 
-def path_loss_db(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """Eq. (2): L_0 + 10 n log10(d / d_0), with d clamped at d_0 from below."""
-    ratio = distance_m.clamp_min(scenario.reference_distance_m) / scenario.reference_distance_m
-    return scenario.reference_path_loss_db + 10 * scenario.path_loss_exponent * torch.log10(ratio)
-
-
 def fading_db(fading: Float[Tensor, "chase tracker 2 sample"]) -> Float[Tensor, "chase tracker sample"]:
     """20 log10 |h|, at least ``DEEPEST_FADE_DB``."""
     power = fading[:, :, 0].square().addcmul_(fading[:, :, 1], fading[:, :, 1])
     return power.clamp_min_(10 ** (DEEPEST_FADE_DB / 10)).log10_().mul_(10)
-
-
-def unfaded_dbm(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """What would be heard at these distances if nothing faded."""
-    return scenario.transmit_power_dbm - path_loss_db(scenario, distance_m)
 
 
 @dataclass(frozen=True)

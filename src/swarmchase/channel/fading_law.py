@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from ..batch.array_types import Bool, Float, Tensor
 from ..batch.streams import chase_keys
 from ..observation import mean_power_dbm
-from ..scenario import NUM_TRACKERS, Scenario
+from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
 from .fading import FadingProcess
 from .fading import fading_db as samples_db
 
@@ -41,6 +41,17 @@ LEAST_SPREAD_DB = 0.1
 """Trackers are never taken to differ by less than this (standard deviation), although nothing at all may fade (K
 without bound) or all of them as one (rho = 1): no fit and no particles would be near enough to a window that says so
 much."""
+
+_FIELDS_OF_FADING = (
+    "rician_k",
+    "doppler_spread_hz",
+    "window_samples",
+    "sampling_hz",
+    "spatial_correlation",
+    "los_phase",
+    "continuity",
+)
+"""All that ``FadingProcess`` looks at."""
 
 WindowPower = Callable[[Float[Tensor, "chase sample tracker"]], Float[Tensor, "chase tracker"]]
 """One level in dBm of each tracker for a window in dBm; if all samples rise by 1 dB, so does the level."""
@@ -92,9 +103,17 @@ class FadingLaw:
         return float(high - low) * TABLE_STEP_DB / 2
 
 
-@functools.lru_cache(maxsize=32)
 def fading_law(scenario: Scenario, window_power: WindowPower = mean_power_dbm) -> FadingLaw:
-    """The law under a scenario's channel, from ``LAW_WINDOWS`` windows drawn with streams of its own."""
+    """The law under a scenario's channel, from ``LAW_WINDOWS`` windows drawn with streams of its own.
+
+    It is drawn once in a process for what it is a function of: the scenario's fading and the ``window_power``, which is
+    compared by ``==``. Its tensors are not to be changed.
+    """
+    return _drawn_law(paper_scenario(**{name: getattr(scenario, name) for name in _FIELDS_OF_FADING}), window_power)
+
+
+@functools.lru_cache(maxsize=32)
+def _drawn_law(scenario: Scenario, window_power: WindowPower) -> FadingLaw:
     fading_db = _drawn_fading_db(scenario, window_power)
     knot = np.arange(-MOST_NORMAL, MOST_NORMAL + KNOT_STEP / 2, KNOT_STEP)
     quantile_db = np.quantile(fading_db, ndtr(knot))

@@ -17,11 +17,12 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
+from ..networks.forms import new_networks
 from ..scenario import Scenario
 from ..training.agent import AgentSnapshot, LocalAgent
 from ..training.evaluator import Evaluation, Evaluator, measured
 from ..training.global_agent import SharedParameters
-from ..training.parameters import FlatNetworks, new_networks
+from ..training.parameters import FlatNetworks
 from ..training.run import Progress, TrainingResult, TrainingRun, next_evaluation, open_run
 from ..training.settings import TrainingSettings
 from .connection import Cluster, at_node, connected, first_line, own_error

@@ -4,16 +4,16 @@ import hashlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from ..errors import InputError
-from ..networks.actor_critic import PAPER_WINDOW_SAMPLES
-from ..networks.fading import CorrectedPower, FadingNetwork
-from ..networks.gated import GatedNetwork
-from ..networks.weights import FiledNetworks, load_weights
+from ..networks.fading import CorrectedPower
+from ..networks.forms import FORMS
+from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
+from ..networks.weights import checked_weights, shared_weights
 from ..scenario import Scenario
 from .gradient import GradientController
-from .learned import ActionChoice, LearnedController
+from .learned import ActionChoice, LearnedController, require_action_sets
 from .multilateration import MultilaterationController
 from .oracle import OracleController
 from .particle import ParticleController
@@ -28,6 +28,7 @@ __all__ = [
     "controller_names",
     "load_controller",
     "network_controller",
+    "require_controller",
     "weights_path",
     "weights_sha256",
 ]
@@ -86,34 +87,67 @@ def load_controller(
     name = str(name_or_path)
     if name in _UNTRAINED:
         return _UNTRAINED[name](scenario)
-    path = weights_path(name_or_path, scenario)
-    assert path is not None
-    if not (path.suffix == ".safetensors" or path.is_file()):
-        raise InputError(
-            f"no controller {name!r}; there are {', '.join(controller_names())}, "
-            "or give the path of a weights file (.safetensors)"
-        )
-    networks, configuration = load_weights(path)
-    filed_choice = configuration.get("action_choice", "sampled")
-    if filed_choice not in get_args(ActionChoice):
-        allowed = " or ".join(map(repr, get_args(ActionChoice)))
-        raise InputError(f"weights file {path} says action_choice = {filed_choice!r}; allowed is {allowed}")
+    path = _given_weights_path(name_or_path, scenario)
+    networks, configuration = shared_weights(path)
+    filed_choice = _filed_action_choice(path, configuration)
     return network_controller(scenario, networks, name, action_choice or filed_choice)
 
 
+def require_controller(name_or_path: str | Path, scenario: Scenario) -> None:
+    """Refuse what ``load_controller`` refuses, in the same words, without building the controller.
+
+    Raises:
+        InputError: an unknown name, or a file that is missing, damaged or does not match.
+    """
+    if str(name_or_path) in _UNTRAINED:
+        return
+    path = _given_weights_path(name_or_path, scenario)
+    form, _, configuration = checked_weights(path)
+    _filed_action_choice(path, configuration)
+    _require_fit(form, scenario, str(name_or_path))
+
+
 def network_controller(
-    scenario: Scenario, networks: FiledNetworks, name: str, action_choice: ActionChoice
+    scenario: Scenario, networks: HearingNetworks, name: str, action_choice: ActionChoice
 ) -> Controller:
     """The controller that decides by these networks. One that has a network for its likelihood alone draws nothing:
     ``action_choice`` is not for it.
 
     Raises:
-        InputError: windows of a length that the networks do not take.
+        InputError: windows of a length, or action sets, that the networks do not take.
     """
-    if isinstance(networks, GatedNetwork | FadingNetwork) and scenario.window_samples != PAPER_WINDOW_SAMPLES:
-        raise InputError(
-            f"{name} needs windows of {PAPER_WINDOW_SAMPLES} samples; the scenario has {scenario.window_samples}"
-        )
-    if isinstance(networks, FadingNetwork):
+    _require_fit(FORMS[networks.form], scenario, name)
+    if isinstance(networks, ExpectingNetwork):
         return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
+    assert isinstance(networks, DecidingNetworks)
     return LearnedController(scenario, networks, name, action_choice)
+
+
+def _given_weights_path(name_or_path: str | Path, scenario: Scenario) -> Path:
+    """The weights file of a controller that is not an untrained one."""
+    path = weights_path(name_or_path, scenario)
+    assert path is not None
+    if not (path.suffix == ".safetensors" or path.is_file()):
+        raise InputError(
+            f"no controller {str(name_or_path)!r}; there are {', '.join(controller_names())}, "
+            "or give the path of a weights file (.safetensors)"
+        )
+    return path
+
+
+def _filed_action_choice(path: Path, configuration: dict[str, Any]) -> ActionChoice:
+    filed_choice: ActionChoice = configuration.get("action_choice", "sampled")
+    if filed_choice not in get_args(ActionChoice):
+        allowed = " or ".join(map(repr, get_args(ActionChoice)))
+        raise InputError(f"weights file {path} says action_choice = {filed_choice!r}; allowed is {allowed}")
+    return filed_choice
+
+
+def _require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
+    """Refuse a scenario that networks of this form cannot decide in."""
+    if form.window_samples not in (None, scenario.window_samples):
+        raise InputError(
+            f"{name} needs windows of {form.window_samples} samples; the scenario has {scenario.window_samples}"
+        )
+    if issubclass(form.filed, DecidingNetworks):
+        require_action_sets(scenario, name)

@@ -14,8 +14,8 @@ from ..batch.array_types import Float, Int, Tensor
 from ..batch.streams import ChaseStreams, chase_keys
 from ..errors import InputError
 from ..formation import Action, action_from_choice
-from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, WindowNetworks, greedy_choice, sampled_choice
-from ..networks.gated import GatedNetwork
+from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
+from ..networks.protocol import DecidingNetworks
 from ..observation import Observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
@@ -38,6 +38,18 @@ class LearnedMemory:
     """Each chase's own random numbers for sampling actions."""
 
 
+def require_action_sets(scenario: Scenario, name: str) -> None:
+    """Refuse a scenario that a learned controller of this name cannot decide in.
+
+    Raises:
+        InputError: action sets that are not of five choices each.
+    """
+    if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
+        raise InputError(
+            f"{name} decides between {NUM_CHOICES} spacings and displacements; the scenario has other action sets"
+        )
+
+
 class LearnedController:
     """Samples from its policies ("stochastically determine", Section II.A), or takes their most likely action.
 
@@ -48,14 +60,11 @@ class LearnedController:
     def __init__(
         self,
         scenario: Scenario,
-        networks: WindowNetworks | GatedNetwork,
+        networks: DecidingNetworks,
         name: str,
         action_choice: ActionChoice = "sampled",
     ) -> None:
-        if {len(scenario.spacing_choices_m), len(scenario.displacement_choices_m)} != {NUM_CHOICES}:
-            raise InputError(
-                f"{name} decides between {NUM_CHOICES} spacings and displacements; the scenario has other action sets"
-            )
+        require_action_sets(scenario, name)
         self.name = name
         self._scenario = scenario
         self._networks = networks.eval()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..controllers import ActionChoice, load_controller, weights_sha256
+from ..controllers import ActionChoice, require_controller, weights_sha256
 from ..errors import InputError
 from ..files import require_writable_folder
 from ..scenario import Scenario
@@ -159,8 +159,8 @@ def evaluate_jobs(
     for job in jobs:
         if job.episodes < 1:
             raise InputError(f"episodes = {job.episodes} is refused: allowed is at least 1")
-    for controller, told, action_choice in dict.fromkeys((job.controller, job.told, job.action_choice) for job in jobs):
-        load_controller(controller, told, action_choice)
+    for controller, told in dict.fromkeys((job.controller, job.told) for job in jobs):
+        require_controller(controller, told)
     if seed < 0:
         raise InputError(f"seed = {seed} is refused: allowed is at least 0")
     require_writable_folder(folder)

@@ -20,7 +20,7 @@ import torch
 
 from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
-from ..controllers import ActionChoice, chosen_weights, load_controller
+from ..controllers import ActionChoice, chosen_weights, load_controller, require_controller
 from ..errors import InputError, WorkerDiedError
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
@@ -145,7 +145,7 @@ def evaluate(
     for name, value in (("seed", seed), ("first_chase", first_chase)):
         if value < 0:
             raise InputError(f"{name} = {value} is refused: allowed is at least 0")
-    load_controller(controller, scenario, action_choice)
+    require_controller(controller, scenario)
     work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)

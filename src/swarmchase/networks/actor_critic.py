@@ -10,6 +10,7 @@ from torch import nn
 
 from ..batch.array_types import Float, Int, Tensor
 from ..scenario import NUM_TRACKERS, Scenario
+from .protocol import DecidingNetworks
 
 NETWORK_NAMES = ("d", "x", "y", "z")
 """Superscript n of theta^n, in the order of every axis of length four in this package."""
@@ -101,12 +102,12 @@ class ActorCritic(nn.Module):
         return self.policy_head(features), VALUE_SCALE_M * self.value_head(features)[:, 0]
 
 
-class WindowNetworks(nn.Module):
+class WindowNetworks(DecidingNetworks):
     """Networks that decide from the current window alone. Their memory of a chase is a vector of length 0."""
 
+    form = "paper"
     memory_features = 0
     smallest_batch = 8
-    """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are to be padded."""
 
     def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
         """The policies alone, for acting."""

@@ -9,6 +9,8 @@ It is told F and rho. A missing sample (NaN) is interpolated between its neighbo
 sample counts nowhere.
 """
 
+import copy
+import hashlib
 import math
 
 import torch
@@ -17,7 +19,8 @@ from torch import nn
 from ..batch.array_types import Bool, Float, Tensor
 from ..observation import mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario
-from .actor_critic import NETWORK_NAMES, NUM_CHOICES, PAPER_WINDOW_SAMPLES
+from .actor_critic import PAPER_WINDOW_SAMPLES
+from .protocol import ExpectingNetwork, Form, FormSettings
 
 SHAPE_FEATURES = 128
 SHAPE_SCALE_DB = 5.0
@@ -26,15 +29,12 @@ DEEPEST_FADE = -8.0
 TOLD_FEATURES = 2
 
 
-class FadingNetwork(nn.Module):
-    """The expected fading of each tracker's mean power in a window.
+class FadingNetwork(ExpectingNetwork):
+    """The expected fading of each tracker's mean power in a window."""
 
-    It decides nothing. While it is trained the swarm wanders: fading does not depend on where it is heard.
-    """
-
+    form = "fading"
     memory_features = TOLD_FEATURES
     smallest_batch = 16
-    """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are padded."""
 
     def __init__(self, generator: torch.Generator | None = None) -> None:
         """``generator`` draws the initial weights; without it they are left for a file to fill."""
@@ -59,15 +59,6 @@ class FadingNetwork(nn.Module):
         told = torch.tensor([math.log10(scenario.sampling_hz) - 1.5, scenario.spatial_correlation - 0.5])
         return told.expand(num_chases, -1).clone()
 
-    def decide(
-        self,
-        rssi_dbm: Float[Tensor, "chase sample 6"],
-        _tracker_position_m: Float[Tensor, "chase 6 3"],
-        memory: Float[Tensor, "chase memory"],
-    ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase memory"]]:
-        """Logits of policies that choose anything."""
-        return rssi_dbm.new_zeros(len(rssi_dbm), len(NETWORK_NAMES), NUM_CHOICES), memory
-
     def forward(
         self, rssi_dbm: Float[Tensor, "chase sample 6"], told: Float[Tensor, "chase memory"]
     ) -> Float[Tensor, "chase 6"]:
@@ -86,9 +77,17 @@ class FadingNetwork(nn.Module):
 class CorrectedPower:
     """The mean power of each tracker in a window less the fading that its shape lets expect: a ``WindowPower``."""
 
-    def __init__(self, network: FadingNetwork, scenario: Scenario) -> None:
+    def __init__(self, network: ExpectingNetwork, scenario: Scenario) -> None:
         self._network = network.eval()
         self._scenario = scenario
+        self._content = _content_sha256(network), scenario.sampling_hz, scenario.spatial_correlation
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the two give the same levels, by what the networks held when they came here."""
+        return isinstance(other, CorrectedPower) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     def __call__(self, rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Tensor, "chase tracker"]:
         """In dBm; NaN where a tracker has no sample."""
@@ -98,6 +97,38 @@ class CorrectedPower:
         with torch.inference_mode():
             expected_db: Tensor = self._network(window_dbm, self._network.begin(self._scenario, len(window_dbm)))
         return mean_power_dbm(rssi_dbm) - expected_db[:num_chases].clone()
+
+
+class FadingForm(Form[FadingNetwork, FadingNetwork]):
+    """The same network in files and in training."""
+
+    name = FadingNetwork.form
+    file_format = "swarmchase-fading-1"
+    objectives = frozenset({"fading"})
+    why_no_other_objective = "the objective fading is for the form fading alone"
+    window_samples = PAPER_WINDOW_SAMPLES
+    filed = FadingNetwork
+
+    def new(self, settings: FormSettings, generator: torch.Generator | None) -> FadingNetwork:
+        """As ``Form.new``."""
+        return FadingNetwork(generator)
+
+    def continued(self, settings: FormSettings, start: FadingNetwork) -> FadingNetwork:
+        """As ``Form.continued``."""
+        return start
+
+    def deployed(self, trained: FadingNetwork) -> FadingNetwork:
+        """As ``Form.deployed``."""
+        return copy.deepcopy(trained)
+
+
+def _content_sha256(network: ExpectingNetwork) -> str:
+    """Of its class and its parameters."""
+    digest = hashlib.sha256(type(network).__qualname__.encode())
+    for name, tensor in network.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.cpu().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def interpolated(

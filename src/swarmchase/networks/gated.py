@@ -25,6 +25,7 @@ from .actor_critic import (
     PAIR_DIFFERENCE_SCALE_DB,
     PAPER_WINDOW_SAMPLES,
 )
+from .protocol import DecidingNetworks, Form, FormSettings
 
 SHAPE_FEATURES = 16
 SHAPE_HIDDEN_FEATURES = 64
@@ -45,15 +46,15 @@ TOLD_FEATURES = 2
 CENTER_FEATURES = 3
 
 
-class GatedNetwork(nn.Module):
+class GatedNetwork(DecidingNetworks):
     """One network for spacing, x, y and z.
 
     Its memory of a chase is one vector: the recurrent state, the last centre and what it was told of the scenario.
     """
 
+    form = "gated"
     memory_features = GATED_FEATURES + CENTER_FEATURES + TOLD_FEATURES
     smallest_batch = 16
-    """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are to be padded."""
     share_position = 3 + 3 + 1 + NUM_TRACKERS + NUM_TRACKERS * SHAPE_FEATURES
     """Where the six shares of valid samples begin among what it hears in a window."""
 
@@ -168,3 +169,26 @@ class GatedNetwork(nn.Module):
             share,
         ]
         return torch.cat(parts, dim=2)
+
+
+class GatedForm(Form[GatedNetwork, GatedNetwork]):
+    """The same network in files and in training, but for its policy scale."""
+
+    name = GatedNetwork.form
+    file_format = "swarmchase-gated-1"
+    objectives = frozenset({"counterfactual"})
+    why_no_other_objective = "the form gated has no critic"
+    window_samples = PAPER_WINDOW_SAMPLES
+    filed = GatedNetwork
+
+    def new(self, settings: FormSettings, generator: torch.Generator | None) -> GatedNetwork:
+        """As ``Form.new``."""
+        return GatedNetwork(generator, settings.policy_scale)
+
+    def continued(self, settings: FormSettings, start: GatedNetwork) -> GatedNetwork:
+        """As ``Form.continued``."""
+        return start.with_policy_scale(settings.policy_scale)
+
+    def deployed(self, trained: GatedNetwork) -> GatedNetwork:
+        """As ``Form.deployed``."""
+        return trained.with_policy_scale(1.0)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import torch
 
 from ..batch.array_types import Float, Tensor
-from ..channel.fading import FadingProcess, FadingState, fading_db, unfaded_dbm
+from ..channel.fading import FadingProcess, FadingState, fading_db
+from ..channel.propagation import unfaded_dbm
 from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
 from ..world.receivers import Receivers

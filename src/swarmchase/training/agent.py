@@ -11,11 +11,12 @@ from ..batch.selection import join_chases, pack, select_chases, unpack
 from ..batch.streams import ChaseKey, ChaseStreams
 from ..errors import InputError
 from ..networks.actor_critic import NETWORK_NAMES
+from ..networks.forms import new_networks
 from ..scenario import Scenario
 from ..world.departures import drawn_world
 from ..world.environment import Environment, State
 from .losses import rollout_loss
-from .parameters import FlatNetworks, new_networks
+from .parameters import FlatNetworks
 from .rollout import Rollout, collect
 from .settings import TrainingSettings, training_seed
 from .symmetry import mirrored

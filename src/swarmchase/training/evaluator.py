@@ -10,12 +10,13 @@ import torch
 from ..controllers import network_controller
 from ..evaluation.chases import ChaseResult, run_chases
 from ..evaluation.statistics import nearest_rank_percentile
-from ..networks.weights import FiledNetworks, save_weights
+from ..networks.forms import deployed, new_networks
+from ..networks.protocol import HearingNetworks
+from ..networks.weights import save_weights
 from ..scenario import Scenario
 from ..world.departures import drawn_world
 from .global_agent import SharedParameters
-from .parameters import FlatNetworks, deployed, new_networks
-from .rollout import Networks
+from .parameters import FlatNetworks
 from .settings import Schedule, TrainingSettings, training_seed
 
 BEST_WEIGHTS = "best.safetensors"
@@ -55,7 +56,7 @@ def weights_configuration(
     }
 
 
-def save_trained_weights(path: Path, networks: Networks, configuration: dict[str, Any]) -> None:
+def save_trained_weights(path: Path, networks: HearingNetworks, configuration: dict[str, Any]) -> None:
     """Write the trained networks in float16, those of the paper's form as its four."""
     save_weights(path, deployed(networks), configuration, torch.float16)
 
@@ -128,7 +129,9 @@ def _worlds(scenarios: Sequence[Scenario], settings: TrainingSettings) -> list[t
     return [(scenario, drawn_world(scenario, seed, number)) for number, scenario in enumerate(told)]
 
 
-def _chases(told: Scenario, world: Scenario, networks: FiledNetworks, settings: TrainingSettings) -> list[ChaseResult]:
+def _chases(
+    told: Scenario, world: Scenario, networks: HearingNetworks, settings: TrainingSettings
+) -> list[ChaseResult]:
     controller = network_controller(told, networks, "in training", settings.action_choice)
     return list(run_chases(world, controller, _evaluation_seed(settings), range(settings.evaluation_chases)))
 

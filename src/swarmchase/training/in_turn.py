@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import torch
 
 from ..batch.freed_memory import keep_freed_memory
+from ..networks.forms import new_networks
 from .agent import LocalAgent
 from .evaluator import Evaluator
-from .parameters import FlatNetworks, new_networks
+from .parameters import FlatNetworks
 from .run import TrainingRun
 from .worker import make_global_agent, work_once
 

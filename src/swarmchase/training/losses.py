@@ -13,10 +13,10 @@ import torch
 
 from ..batch.array_types import Bool, Float, Tensor
 from ..errors import InputError
-from ..networks.fading import FadingNetwork
+from ..networks.protocol import DecidingNetworks, ExpectingNetwork, HearingNetworks
 from ..observation import mean_power_dbm
 from ..scenario import NUM_TRACKERS
-from .rollout import Networks, Rollout
+from .rollout import Rollout
 
 DISPLACEMENT_SCALE_M = 4.0
 """The unit of rewards in counterfactual regression: the longest displacement on an axis."""
@@ -135,7 +135,7 @@ def counterfactual_loss(
     return torch.cat([spacing_loss[None], _averaged(axis_error_m, rollout.valid)]) / DISPLACEMENT_SCALE_M**2
 
 
-def fading_loss(networks: FadingNetwork, rollout: Rollout) -> Float[Tensor, "1"]:
+def fading_loss(networks: ExpectingNetwork, rollout: Rollout) -> Float[Tensor, "1"]:
     """What a window of this rollout costs in nats if the errors of the expected fading are taken as Gaussian.
 
     Errors that trackers make together and those by which they differ have a variance each, estimated from the rollout
@@ -157,11 +157,12 @@ def fading_loss(networks: FadingNetwork, rollout: Rollout) -> Float[Tensor, "1"]
     return nats[None]
 
 
-def rollout_loss(networks: Networks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "network"]:
+def rollout_loss(networks: HearingNetworks, rollout: Rollout, settings: LossSettings) -> Float[Tensor, "network"]:
     """L^n of one rollout under the networks' present parameters; one forward pass over all of its windows."""
     num_steps, num_chases = rollout.valid.shape
-    if isinstance(networks, FadingNetwork):
+    if isinstance(networks, ExpectingNetwork):
         return fading_loss(networks, rollout)
+    assert isinstance(networks, DecidingNetworks)
     if settings.objective == "counterfactual":
         logits = networks.decide_in_sequence(rollout.rssi_dbm[:-1], rollout.tracker_position_m[:-1], rollout.memory)
         return counterfactual_loss(logits, rollout, settings)

@@ -13,13 +13,9 @@ import torch
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseStreams
 from ..formation import action_from_choice, tracker_position_m
-from ..networks.actor_critic import NETWORK_NAMES, WindowNetworks, greedy_choice, sampled_choice
-from ..networks.fading import FadingNetwork
-from ..networks.gated import GatedNetwork
+from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
+from ..networks.protocol import DecidingNetworks, HearingNetworks
 from ..world.environment import Environment, State, counterfactual_reward_m, unfaded_dbm
-
-Networks = WindowNetworks | GatedNetwork | FadingNetwork
-"""What trainers drive, by ``begin`` and ``decide``."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class Rollout:
 
 def collect(
     environment: Environment,
-    networks: Networks,
+    networks: HearingNetworks,
     state: State,
     memory: Float[Tensor, "chase memory"],
     streams: ChaseStreams,
@@ -74,7 +70,7 @@ def collect(
         if not running.any():
             break
         with torch.no_grad():
-            logits, memory = networks.decide(windows[-1], positions[-1], memory)
+            logits, memory = _policies(networks, windows[-1], positions[-1], memory)
         choice = _explored_choice(logits, streams, spacing_exploration)
         counterfactuals.append(counterfactual_reward_m(environment.scenario, state).float())
         unfaded.append(unfaded_dbm(environment.scenario, state).float())
@@ -100,6 +96,18 @@ def collect(
         truncated=truncated,
     )
     return rollout, state, memory
+
+
+def _policies(
+    networks: HearingNetworks,
+    rssi_dbm: Float[Tensor, "chase sample 6"],
+    position_m: Float[Tensor, "chase 6 3"],
+    memory: Float[Tensor, "chase memory"],
+) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase memory"]]:
+    """The networks' own; the swarm wanders where they decide nothing: fading is the same wherever it is heard."""
+    if isinstance(networks, DecidingNetworks):
+        return networks.decide(rssi_dbm, position_m, memory)
+    return rssi_dbm.new_zeros(len(rssi_dbm), len(NETWORK_NAMES), NUM_CHOICES), memory
 
 
 def _tracker_position_m(state: State) -> Float[Tensor, "chase 6 3"]:

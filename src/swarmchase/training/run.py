@@ -12,12 +12,13 @@ from types import FrameType
 import torch
 
 from ..errors import InputError
+from ..networks.forms import continued_networks, new_networks
 from ..networks.weights import load_weights
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
-from .parameters import FlatNetworks, continued_networks, new_networks
+from .parameters import FlatNetworks
 from .run_folder import ResumePoint, RunFolder, TrainingLog
 from .settings import Schedule, TrainingSettings, training_seed
 

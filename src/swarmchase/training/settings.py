@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 
 from ..controllers.learned import ActionChoice
 from ..errors import InputError
+from ..networks.forms import FORMS
 from .losses import DISPLACEMENT_SCALE_M, LossSettings
 
 Precision = Literal["float32", "bfloat16"]
@@ -14,11 +15,6 @@ A3CSchedule = Literal["processes", "deterministic"]
 """Asynchronous processes, or the same agents in turn in one process: bit-reproducible."""
 Schedule = Literal[A3CSchedule, "cluster", "batched"]
 """A3C's, on one machine or on a Ray cluster, or the batched trainer."""
-
-
-NetworkForm = Literal["paper", "gated", "fading"]
-"""The paper's four networks, one with memory (``networks.gated``), or one for a filter's likelihood
-(``networks.fading``)."""
 
 MOST_UPDATES = 2**24
 """Adam counts its updates in float32, which is exact up to here."""
@@ -46,8 +42,8 @@ class TrainingSettings:
     """A longer gradient is shortened to this; None never does, as in the paper."""
     passes_per_rollout: int = 1
     """Updates made from each rollout; more than one is for PPO."""
-    form: NetworkForm = "paper"
-    """The form of the networks."""
+    form: str = "paper"
+    """The form of the networks: one of ``networks.forms.FORMS``."""
     losses: LossSettings = field(default_factory=LossSettings)
     """What is learned: objective, discount, entropy bonus, value loss and the cut at MAX_STEPS."""
     symmetric: bool = False
@@ -99,7 +95,7 @@ class TrainingSettings:
         if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
             raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
         for name, allowed in (
-            ("form", get_args(NetworkForm)),
+            ("form", tuple(FORMS)),
             ("precision", get_args(Precision)),
             ("action_choice", get_args(ActionChoice)),
         ):
@@ -122,20 +118,17 @@ class TrainingSettings:
             )
         if self.losses.objective == "counterfactual" and self.update_interval < 2:
             raise InputError("update_interval = 1 is refused: counterfactual regression needs a movement to follow")
-        if self.form == "gated" and self.losses.objective != "counterfactual":
-            raise InputError(f"objective = {self.losses.objective!r} is refused: the form gated has no critic")
-        if (self.form == "fading") != (self.losses.objective == "fading"):
-            raise InputError(
-                f"objective = {self.losses.objective!r} is refused: the objective fading is for the form fading alone"
-            )
-        if self.form != "paper":
-            for name, value, needed in (
-                ("symmetric", self.symmetric, False),
-                ("mirrored", self.mirrored, False),
-                ("precision", self.precision, "float32"),
-            ):
-                if value != needed:
-                    raise InputError(f"{name} = {value!r} is refused: it is for the form paper")
+        form = FORMS[self.form]
+        if self.losses.objective not in form.objectives:
+            raise InputError(f"objective = {self.losses.objective!r} is refused: {form.why_no_other_objective}")
+        for name, value, needed in (
+            ("symmetric", self.symmetric, False),
+            ("mirrored", self.mirrored, False),
+            ("precision", self.precision, "float32"),
+        ):
+            if value != needed and name not in form.own_settings:
+                having = " or ".join(other.name for other in FORMS.values() if name in other.own_settings)
+                raise InputError(f"{name} = {value!r} is refused: it is for the form {having}")
 
     @property
     def policy_scale(self) -> float:

@@ -11,7 +11,7 @@ import torch
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
 from ..channel.fading import FadingState
-from ..channel.fading import unfaded_dbm as unfaded_dbm_at
+from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
 from ..formation import Action, tracker_position_m
 from ..observation import Observation

@@ -4,7 +4,8 @@ import torch
 
 from ..batch.array_types import Float, Tensor
 from ..batch.streams import ChaseKey
-from ..channel.fading import FadingProcess, FadingState, fading_db, unfaded_dbm
+from ..channel.fading import FadingProcess, FadingState, fading_db
+from ..channel.propagation import unfaded_dbm
 from ..scenario import Scenario
 from .receivers import Receivers, ReceiverState
 
