@@ -205,15 +205,10 @@ class ControllerService:
 
     def _fly(self, center_m: Point, spacing_m: float, reason: str) -> str:
         """Set out for this formation, or what the safety filter makes of it; returns what it says."""
-        assert self._pace.formation is not None
-        swarm = self._swarm
+        present, swarm = self._pace.formation, self._swarm
+        assert present is not None
         move = self._filter.move(
-            self._pace.formation,
-            center_m,
-            spacing_m,
-            swarm.stream.set_point_m,
-            swarm.positions_m(),
-            swarm.obstacles_m(),
+            present, center_m, spacing_m, swarm.stream.set_point_m, swarm.positions_m(), swarm.obstacles_m()
         )
         self._pace.set_out(move, self._now_ns)
         self._go(ChaseState.MOVING, f"{reason}; {move.reason}" if move.reason else reason)
