@@ -356,7 +356,7 @@ def test_ctrl_c_ends_an_evaluation_with_one_line_and_no_orphans(sent_to: str, tm
         assert [line for line in errors.splitlines() if line.strip() and "/2000000" not in line] == [
             "swarmchase: interrupted"
         ]
-        for _ in itertools.takewhile(lambda _: any(map(alive, workers)), range(100)):
+        for _ in itertools.takewhile(lambda _: any(map(alive, workers)), range(1200)):
             time.sleep(0.05)
         assert not any(map(alive, workers))
     assert list(tmp_path.iterdir()) == []

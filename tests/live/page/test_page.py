@@ -153,7 +153,7 @@ def port_of(server: PageServer) -> int:
 
 def get(server: PageServer, path: str = "/", **headers: str) -> tuple[int, dict[str, str], bytes]:
     """Status, headers, body; "host" replaces the usual one."""
-    with closing(http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)) as connection:
+    with closing(http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)) as connection:
         connection.putrequest("GET", path, skip_host="host" in headers)
         for name, value in headers.items():
             connection.putheader(name.replace("_", "-"), value)
@@ -175,7 +175,7 @@ def spoken_to(server: PageServer, query: str = "", **headers: str) -> Iterator[C
 def received(client: ClientConnection, kind: str) -> dict[str, Any]:
     """The next message of this kind."""
     while True:
-        message: dict[str, Any] = json.loads(client.recv(timeout=10))
+        message: dict[str, Any] = json.loads(client.recv(timeout=60))
         if message["kind"] == kind:
             return message
 
@@ -209,7 +209,7 @@ def test_info_and_newest_frame_come_first() -> None:
     feed.publish(made_up_frame(1.0))
     feed.publish(made_up_frame(2.0))
     with served(feed) as server, spoken_to(server) as client:
-        assert json.loads(client.recv(timeout=10)) == {"kind": "info", **INFO, "is_live": True}
+        assert json.loads(client.recv(timeout=60)) == {"kind": "info", **INFO, "is_live": True}
         message = received(client, "frame")
         assert message["frame"] == made_up_frame(2.0)
         assert (message["first_s"], message["last_s"]) == (1.0, 2.0)
@@ -385,7 +385,7 @@ def test_too_many_browsers_are_turned_away() -> None:
         for client in opened:
             received(client, "info")
         with spoken_to(server) as late, pytest.raises(ConnectionClosed):
-            late.recv(timeout=10)
+            late.recv(timeout=60)
         for client in clients:
             client.__exit__(None, None, None)
 
@@ -504,11 +504,11 @@ class Window:
         from playwright.sync_api import expect
 
         place = self.page.locator(selector)
-        expect(place).to_be_visible(timeout=10_000)
+        expect(place).to_be_visible(timeout=60_000)
         if text:
-            expect(place).to_contain_text(text, timeout=10_000)
+            expect(place).to_contain_text(text, timeout=60_000)
         for name, value in attributes.items():
-            expect(place).to_have_attribute(name.replace("_", "-"), value, timeout=10_000)
+            expect(place).to_have_attribute(name.replace("_", "-"), value, timeout=60_000)
 
     def text(self, selector: str) -> str:
         return str(self.page.locator(selector).inner_text())
