@@ -34,7 +34,7 @@ def test_it_trains_evaluates_compares_and_draws_and_goes_on_where_it_was(tmp_pat
     compared = (folder / "comparison" / "comparison.md").read_text(encoding="utf-8")
     for name in ("best.safetensors", "gradient", "oracle"):
         assert name in compared
-    for picture in ("chase/chase.png", "comparison/comparison-percentile.png"):
+    for picture in ("chase/chase.png", "comparison/movements.png"):
         assert (folder / picture).read_bytes().startswith(b"\x89PNG"), picture
     weights = (folder / "run" / "best.safetensors").read_bytes()
     again = pipeline(folder, **settings)
