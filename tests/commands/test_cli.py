@@ -85,9 +85,10 @@ def test_help_and_the_package_itself_import_nothing_slow() -> None:
 
 
 def test_names_of_the_package_are_those_of_their_homes() -> None:
+    from swarmchase.site.environment import Environment
+
     import swarmchase
     from swarmchase.observation import Observation
-    from swarmchase.world.environment import Environment
 
     assert swarmchase.Environment is Environment
     assert swarmchase.Observation is Observation

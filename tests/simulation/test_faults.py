@@ -20,6 +20,8 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from swarmchase.site.environment import Environment
+
 from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import Controller
@@ -41,7 +43,6 @@ from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.virtual_chase import KEYS, START_NS, TICK_S, VirtualChase, VirtualResult
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualSocket
-from swarmchase.world.environment import Environment
 
 IDLE, CONNECTING, SAMPLING, MOVING, HOLDING, REACHED, LOST, ABORTED = ChaseState
 NEAR: dict[str, Any] = {
@@ -131,10 +132,10 @@ class Flight:
         return {state for _, state, _ in self.told()}
 
     def modes(self) -> list[TrackerMode]:
-        return [vehicle.mode for vehicle in self.chase.world.vehicles]
+        return [vehicle.mode for vehicle in self.chase.site.vehicles]
 
     def speeds_mps(self) -> list[float]:
-        return [math.hypot(*vehicle.velocity_mps) for vehicle in self.chase.world.vehicles]
+        return [math.hypot(*vehicle.velocity_mps) for vehicle in self.chase.site.vehicles]
 
     def ignored(self, reason: str) -> int:
         """How many set-points the trackers have not obeyed for this reason."""
@@ -244,9 +245,9 @@ def test_a_link_that_is_down_stops_every_tracker_and_the_chase_goes_on_when_it_h
     flight.run_to(5.5 + HOLD_S + TICK_S)
     assert flight.modes() == [TrackerMode.HOLDING] * 6
     assert flight.run_until(lambda: max(flight.speeds_mps()) == 0, at_most_s=1.1) <= 1.1
-    stood_m = flight.chase.world.positions_m()
+    stood_m = flight.chase.site.positions_m()
     flight.run_to(9.5)
-    assert flight.chase.world.positions_m() == stood_m
+    assert flight.chase.site.positions_m() == stood_m
     assert flight.state is HOLDING
     assert flight.told()[-1][2] == "0 trackers are too few"
     healed_s = flight.run_until(lambda: flight.state is MOVING and flight.modes() == [TrackerMode.FOLLOWING] * 6)
@@ -279,14 +280,14 @@ def test_when_the_controller_dies_trackers_hold_and_after_a_minute_return() -> N
         flight.chase.tick_without_service()
     assert flight.modes() == [TrackerMode.HOLDING] * 6
     assert max(flight.speeds_mps()) == 0
-    stood_m = np.array(flight.chase.world.positions_m())
+    stood_m = np.array(flight.chase.site.positions_m())
     assert np.linalg.norm(stood_m - homes_m, axis=1).min() > 1
     while flight.seconds < died_s + 59.9:
         flight.chase.tick_without_service()
-    assert np.array_equal(flight.chase.world.positions_m(), stood_m)
+    assert np.array_equal(flight.chase.site.positions_m(), stood_m)
     while flight.seconds < died_s + 65:
         flight.chase.tick_without_service()
-    assert np.array(flight.chase.world.positions_m()) == pytest.approx(homes_m, abs=0.02)
+    assert np.array(flight.chase.site.positions_m()) == pytest.approx(homes_m, abs=0.02)
     # They follow nobody: a controller that comes back finds them at their disposal.
     assert [agent._mode() for agent in flight.chase.agents if agent is not None] == [TrackerMode.HOLDING] * 6
 
@@ -317,7 +318,7 @@ def test_a_silent_tracker_is_marked_after_a_second_and_the_others_go_on() -> Non
     # It flies with the others.
     center_m = np.array(flight.snapshot.center_m)
     wanted_m = center_m + np.array([0, flight.snapshot.spacing_m or math.nan, 0])
-    assert flight.chase.world.vehicles[2].position_m == pytest.approx(wanted_m, abs=0.02)
+    assert flight.chase.site.vehicles[2].position_m == pytest.approx(wanted_m, abs=0.02)
 
 
 def test_with_three_silent_trackers_it_holds_and_goes_on_when_one_is_heard_again() -> None:
@@ -384,7 +385,7 @@ def test_set_points_that_were_under_way_for_more_than_a_second_are_not_obeyed() 
     """
     flight = Flight()
     flight.run_to(2.0)
-    vehicle, agent, udp = flight.chase.world.vehicles[0], flight.chase.agents[0], flight.chase.network.trackers[0]
+    vehicle, agent, udp = flight.chase.site.vehicles[0], flight.chase.agents[0], flight.chase.network.trackers[0]
     assert agent is not None
     queue: list[tuple[bytes, Any]] = []
     udp.put = lambda datagram, address: queue.append((datagram, address))  # type: ignore[method-assign]
@@ -578,7 +579,7 @@ def test_a_tracker_does_not_speak_for_another() -> None:
         report = PositionReport(2, flight.chase.clock.now_ns(), (50.0, 50.0, 50.0))
         flight.chase.network.controller.put(writer.datagram(report, KEYS[1]), ("tracker", 1))
         seen_m = flight.snapshot.trackers[2].position_m
-        assert seen_m == pytest.approx(flight.chase.world.vehicles[2].position_m, abs=1.0)
+        assert seen_m == pytest.approx(flight.chase.site.vehicles[2].position_m, abs=1.0)
     assert flight.chase.link.rejected == {"wrong key": 19}
 
 
@@ -595,7 +596,7 @@ class Watch:
         self.set_points = 0
 
     def __call__(self) -> None:
-        vehicles = [self._chase.world.vehicles[tracker] for tracker in self._trackers]
+        vehicles = [self._chase.site.vehicles[tracker] for tracker in self._trackers]
         # A vehicle brakes in time, but not to the millimetre.
         self._check(np.array([vehicle.position_m for vehicle in vehicles]), slack_m=0.05)
         assert max(math.hypot(*vehicle.velocity_mps) for vehicle in vehicles) <= VehicleLimits().speed_mps + 1e-9
@@ -656,7 +657,7 @@ def test_whatever_a_controller_wants_nobody_leaves_the_limits(seed: int, faults:
 def test_what_a_pilot_takes_is_left_alone_and_flies_with_the_others_when_it_is_given_back() -> None:
     """Row "tracker's own failsafe or pilot takes over": stop commanding it, go on with the rest."""
     flight = Flight(start_distance_m=40, max_movements=30)
-    vehicle = flight.chase.world.vehicles[3]
+    vehicle = flight.chase.site.vehicles[3]
     flight.run_to(2.0)
     vehicle.take_over()
     # Until the next heartbeat nobody tells the controller.
@@ -761,11 +762,11 @@ def test_a_controller_that_fails_holds_the_swarm_for_a_moment(failure: Callable[
     flight = Flight(controller=Failing(paper_scenario(**NEAR), failure))
     flight.run_until(lambda: flight.state is HOLDING)
     assert flight.told()[-1][2].startswith(reason)
-    stood_m = flight.chase.world.positions_m()
+    stood_m = flight.chase.site.positions_m()
     held_s = flight.run_until(lambda: flight.state is not HOLDING)
     assert held_s == pytest.approx(ServiceSettings().retry_s, abs=STEP_S)
     assert flight.modes() == [TrackerMode.FOLLOWING] * 6
-    assert flight.chase.world.positions_m() == stood_m
+    assert flight.chase.site.positions_m() == stood_m
     assert flight.run().reached
 
 
@@ -815,7 +816,7 @@ def test_a_restarted_service_begins_anew_with_empty_windows_and_a_newer_epoch() 
     assert flight.decisions()[0].time_ns - START_NS >= (4.2 + flight.scenario.window_s) * 1e9
     assert flight.decisions()[0].tracker_position_m[0].mean(axis=0) == pytest.approx(np.zeros(3), abs=0.02)
     assert flight.run().state == "reached"
-    assert flight.chase.world.distance_to_target_m() <= 3  # what the judge promises
+    assert flight.chase.site.distance_to_target_m() <= 3  # what the judge promises
     assert flight.modes() == [TrackerMode.FOLLOWING] * 6
 
 

@@ -13,6 +13,8 @@ import torch
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from swarmchase.site.environment import Environment, distance_to_target_m
+
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, tracker_position_m
@@ -39,12 +41,11 @@ from swarmchase.simulation.faulty_path import Faults
 from swarmchase.simulation.forger import Forger
 from swarmchase.simulation.radio import BREAK_AFTER_S, BREAK_BEFORE_S, Radio
 from swarmchase.simulation.receivers_gone_wrong import ABSURD_DBM, FailingReceiver
-from swarmchase.simulation.site import MOST_SAMPLES_MADE_UP, World
+from swarmchase.simulation.site import MOST_SAMPLES_MADE_UP, Site
 from swarmchase.simulation.tracker_processes import free_udp_ports
 from swarmchase.simulation.udp_relay import UdpRelay
 from swarmchase.simulation.virtual_chase import KEYS, START_NS, SkewedClock
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork
-from swarmchase.world.environment import Environment, distance_to_target_m
 
 SILENT, STUCK, GARBAGE, WRONG, DELAYED, INTERMITTENT = ReceiverFault
 SLOW, FROZEN, KILL, RESTART = ProcessFault
@@ -379,7 +380,7 @@ def test_between_windows_other_fading_of_the_same_law_is_heard() -> None:
 
 def test_the_world_is_silent_until_it_begins_and_then_samples_on_its_grid() -> None:
     scenario = paper_scenario(sampling_hz=100)
-    world = World(scenario, 1, 0)
+    world = Site(scenario, 1, 0)
     assert world.advance(START_NS) == [[]] * 6
     world.begin(START_NS)
     reported = world.advance(START_NS + 55 * MS_NS)
@@ -396,7 +397,7 @@ def test_the_world_is_silent_until_it_begins_and_then_samples_on_its_grid() -> N
 
 
 def test_faults_of_receivers_count_from_the_beginning() -> None:
-    world = World(paper_scenario(sampling_hz=10), 1, 0, fault_plan("silent=2@1-2"))
+    world = Site(paper_scenario(sampling_hz=10), 1, 0, fault_plan("silent=2@1-2"))
     world.begin(START_NS)
     heard = [0] * 6
     numbers = []
@@ -409,7 +410,7 @@ def test_faults_of_receivers_count_from_the_beginning() -> None:
 
 
 def test_vehicles_fly_in_the_world_s_time() -> None:
-    world = World(paper_scenario(), 1, 0)
+    world = Site(paper_scenario(), 1, 0)
     assert world.positions_m()[:2] == [(5, 0, 0), (-5, 0, 0)]
     world.advance(START_NS)
     world.vehicles[1].go_to((-5.0, 20.0, 0.0))
@@ -421,7 +422,7 @@ def test_vehicles_fly_in_the_world_s_time() -> None:
 
 def test_the_distance_to_the_target_is_the_evaluation_s_also_with_two_trackers_left_behind() -> None:
     scenario = paper_scenario(start_distance_m=30)
-    environment, world = Environment(scenario), World(scenario, 2, 5)
+    environment, world = Environment(scenario), Site(scenario, 2, 5)
     state = environment.reset(chase_keys(2, 1, 5))
     assert world.distance_to_target_m() == pytest.approx(float(distance_to_target_m(state)[0]))
     action = Action(torch.tensor([2.0], dtype=torch.float64), torch.tensor([[4.0, 4.0, -4.0]], dtype=torch.float64))

@@ -21,7 +21,7 @@ import torch
 
 from ..cluster.connection import LOCAL_OBJECT_STORE_BYTES, Cluster, at_node, connected, ray_module
 from ..cluster.global_actor import GlobalAgentActor
-from ..cluster.local_actor import LocalAgentActor, Report
+from ..cluster.local_actor import AgentReport, LocalAgentActor
 from ..networks.forms import new_networks
 from ..scenario import paper_scenario
 from ..training.global_agent import SharedParameters
@@ -133,9 +133,9 @@ def _measured(cluster: Cluster, settings: TrainingSettings, seconds: float, rayl
     agents = [agent_type.remote(paper_scenario(), settings, index) for index in range(settings.num_agents)]
     ray.get([agent.ready.remote() for agent in agents], timeout=LIMIT_S)
 
-    def work(for_s: float) -> list[Report]:
+    def work(for_s: float) -> list[AgentReport]:
         pieces = [agent.work.remote(global_agent, 0, for_s, None) for agent in agents]
-        reports: list[Report] = ray.get(pieces, timeout=LIMIT_S + for_s)
+        reports: list[AgentReport] = ray.get(pieces, timeout=LIMIT_S + for_s)
         return reports
 
     work(WARM_UP_S)

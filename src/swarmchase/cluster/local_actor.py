@@ -17,7 +17,7 @@ from .global_actor import GlobalAgentLostError, RemoteGlobalAgent
 
 
 @dataclass(frozen=True)
-class Report:
+class AgentReport:
     """What an agent did in one piece of work."""
 
     incarnation: int
@@ -55,7 +55,7 @@ class LocalAgentActor:
     def ready(self) -> None:
         """Is answered when the process is there."""
 
-    def work(self, global_agent: Any, incarnation: int, seconds: float, start: AgentSnapshot | None) -> Report:
+    def work(self, global_agent: Any, incarnation: int, seconds: float, start: AgentSnapshot | None) -> AgentReport:
         """Work with a global agent for about so long, for one update at least unless the last has been made.
 
         It goes on where ``start`` was taken, or where it stands itself.
@@ -78,7 +78,7 @@ class LocalAgentActor:
                     break
         except GlobalAgentLostError as error:
             lost = str(error)
-        return Report(
+        return AgentReport(
             incarnation,
             steps,
             finished,

@@ -20,14 +20,14 @@ from ..errors import WorkerDiedError
 from ..networks.forms import new_networks
 from ..scenario import Scenario
 from ..training.agent import AgentSnapshot, LocalAgent
-from ..training.evaluator import Evaluation, Evaluator, measured
+from ..training.evaluator import AuxiliaryEvaluation, Evaluator, measured
 from ..training.global_agent import SharedParameters
 from ..training.parameters import FlatNetworks
-from ..training.run import Progress, TrainingResult, TrainingRun, next_evaluation, open_run
+from ..training.run import TellStatus, TrainingResult, TrainingRun, next_evaluation, open_run
 from ..training.settings import TrainingSettings
 from .connection import Cluster, at_node, connected, first_line, own_error
 from .global_actor import GlobalAgentActor, GlobalAgentLostError, GlobalNews
-from .local_actor import LocalAgentActor, Report, owned
+from .local_actor import AgentReport, LocalAgentActor, owned
 
 POLL_S = 0.1
 """How often the global agent is asked for news."""
@@ -62,7 +62,7 @@ def train_on_cluster(
     folder: Path,
     address: str,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: TellStatus | None = None,
     tell: Tell | None = None,
 ) -> TrainingResult:
     """Train the four networks on the cluster at ``address`` (``connected``); what it makes lies in ``folder`` here.
@@ -188,10 +188,10 @@ class _Supervisor:
         done: list[Any] = self._ray.wait(list(work), num_returns=len(work), timeout=0)[0] if first else []
         return done
 
-    def _report(self, agent: _Agent) -> Report | None:
+    def _report(self, agent: _Agent) -> AgentReport | None:
         """What the agent reports; None if it has died."""
         try:
-            report: Report = self._ray.get(agent.work, timeout=GLOBAL_LIMIT_S)
+            report: AgentReport = self._ray.get(agent.work, timeout=GLOBAL_LIMIT_S)
         except self._ray.exceptions.RayTaskError as error:
             raise own_error(f"local agent {agent.index}", error) from error
         except self._ray.exceptions.RayError as error:
@@ -201,7 +201,7 @@ class _Supervisor:
             raise GlobalAgentLostError(report.lost)
         return report
 
-    def _enter(self, agent: _Agent, report: Report) -> None:
+    def _enter(self, agent: _Agent, report: AgentReport) -> None:
         agent.snapshot, agent.deaths = owned(report.snapshot), 0
         self._heard_s, self._nobody_heard = time.monotonic(), False
         self._run.environment_steps += report.environment_steps
@@ -290,7 +290,7 @@ class _Supervisor:
     def _enter_evaluation(self, snapshot: Any, evaluation: Any) -> None:
         self._evaluation = None
         try:
-            result: Evaluation = self._ray.get(evaluation, timeout=EVALUATION_LIMIT_S)
+            result: AuxiliaryEvaluation = self._ray.get(evaluation, timeout=EVALUATION_LIMIT_S)
         except self._ray.exceptions.GetTimeoutError as error:
             raise WorkerDiedError(f"the auxiliary agent has not ended within {EVALUATION_LIMIT_S:g} s") from error
         except self._ray.exceptions.RayTaskError as error:
@@ -379,7 +379,9 @@ def _snapshots(run: TrainingRun) -> list[AgentSnapshot]:
     ]
 
 
-def _evaluated(scenarios: Sequence[Scenario], settings: TrainingSettings, parameters: SharedParameters) -> Evaluation:
+def _evaluated(
+    scenarios: Sequence[Scenario], settings: TrainingSettings, parameters: SharedParameters
+) -> AuxiliaryEvaluation:
     """The auxiliary agent: one evaluation on some node."""
     torch.set_num_threads(1)
     keep_freed_memory()

@@ -30,11 +30,11 @@ MOST_PANELS = 12
 PANELS_A_ROW = 4
 
 Row = dict[str, Any]
-Movements = Mapping[tuple[str, float, float, str], Sequence[int]]
+MovementsByPlace = Mapping[tuple[str, float, float, str], Sequence[int]]
 """Movements of every chase by (controller, F, rho, world)."""
 
 
-def draw_comparison(folder: Path, movements: Movements, rows: Sequence[Row]) -> list[Path]:
+def draw_comparison(folder: Path, movements: MovementsByPlace, rows: Sequence[Row]) -> list[Path]:
     """Draw what the results have: distributions, and percentiles against F or, in several worlds, means by world.
 
     ``rows`` are the summaries of the same results. Returns the PNG files.
@@ -56,7 +56,7 @@ def draw_comparison(folder: Path, movements: Movements, rows: Sequence[Row]) -> 
     return [folder / f"{name}.png" for name in figures]
 
 
-def distribution_figure(movements: Movements) -> Figure:
+def distribution_figure(movements: MovementsByPlace) -> Figure:
     """Distribution of the number of movements, one panel a setting and world, the first ``MOST_PANELS`` of them."""
     places = list(dict.fromkeys(key[1:] for key in movements))[:MOST_PANELS]
     columns = min(PANELS_A_ROW, len(places))

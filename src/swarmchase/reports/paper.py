@@ -23,7 +23,7 @@ SAMPLING_STYLE = dict(
 CORRELATION_STYLE = dict(zip(SPATIAL_CORRELATION, (("#0072B2", "s"), ("#D55E00", "^"), ("#000000", "o")), strict=True))
 STATED_TIME = "stated in the paper (its speed is inferred)"
 
-Movements = Mapping[tuple[str, float, float], Sequence[int]]
+MovementsBySetting = Mapping[tuple[str, float, float], Sequence[int]]
 """Movements of every chase by (controller, F, rho)."""
 
 
@@ -31,7 +31,7 @@ def draw_all(
     folder: Path,
     fading: Sequence[dict[str, Any]],
     training_chases: Sequence[dict[str, Any]],
-    movements: Movements,
+    movements: MovementsBySetting,
     summaries: Sequence[dict[str, Any]],
 ) -> list[Path]:
     """Draw the five figures into ``folder`` and return their PNG files.
@@ -90,7 +90,7 @@ def reward_figure(chases: Sequence[dict[str, Any]]) -> Figure:
     return figure
 
 
-def movement_figure(movements: Movements) -> Figure:
+def movement_figure(movements: MovementsBySetting) -> Figure:
     """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz).
 
     Chases beyond the last movement shown, failed ones among them, are what a curve lacks of 1 there.

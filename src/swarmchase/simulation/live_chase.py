@@ -42,7 +42,7 @@ class LiveSummary(ServeSummary):
     """When the centre first was within the success radius; None where it never was."""
 
 
-class Stage:
+class StageProcess:
     """This side of the stage's process.
 
     Raises:
@@ -105,7 +105,7 @@ class Stage:
 class _Progress:
     """Notes when the target was reached first, whoever knows of it."""
 
-    def __init__(self, stage: Stage, scenario: Scenario) -> None:
+    def __init__(self, stage: StageProcess, scenario: Scenario) -> None:
         self._stage, self._radius_m = stage, scenario.success_radius_m
         self.movements_to_target: int | None = None
 
@@ -144,11 +144,11 @@ def run_live_chase(
             write_keys(folder / f"tracker-{tracker}.keys", {tracker: key})
         epoch = next_epoch(folder / "controller.epoch")
         link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / "controller.timestamps")
-        stage: Stage | None = None
+        stage: StageProcess | None = None
         session: Session | None = None
         try:
             session = Session(assignment, controller, link, epoch, tell, lambda: _target_m(stage))
-            stage = Stage(Play(scenario, seed, chase, plan, link.address[1], folder))
+            stage = StageProcess(Play(scenario, seed, chase, plan, link.address[1], folder))
             tell("Six trackers are starting.")
             stage.wait(lambda: request.made)
             progress = _Progress(stage, scenario)
@@ -170,11 +170,13 @@ def run_live_chase(
             link.close()
 
 
-def _target_m(stage: Stage | None) -> Metres | None:
+def _target_m(stage: StageProcess | None) -> Metres | None:
     return None if stage is None or stage.truth is None else stage.truth.target_m
 
 
-def _summary(summary: ServeSummary, stage: Stage, scenario: Scenario, movements_to_target: int | None) -> LiveSummary:
+def _summary(
+    summary: ServeSummary, stage: StageProcess, scenario: Scenario, movements_to_target: int | None
+) -> LiveSummary:
     distance_m = float("inf") if stage.truth is None else stage.truth.distance_m
     near = distance_m <= scenario.success_radius_m
     return LiveSummary(

@@ -16,10 +16,10 @@ from .radio import Radio
 from .receivers_gone_wrong import FailingReceiver
 
 MOST_SAMPLES_MADE_UP = 100
-"""A world that stood still for longer leaves samples out."""
+"""A site that stood still for longer leaves samples out."""
 
 
-class World:
+class Site:
     """Chase ``chase`` of run ``seed``. The swarm hovers around the origin, with the scenario's initial spacing, and
     hears nothing before ``begin``.
     """

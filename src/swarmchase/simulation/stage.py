@@ -1,4 +1,4 @@
-"""The world process of ``swarmchase live``: the site, the link that fails, and the tracker processes.
+"""The site process of ``swarmchase live``: the site, the link that fails, and the tracker processes.
 
 It runs beside the process that holds the controller service, and hears from it only where its windows begin, which
 keeps simulated windows in step with those of the evaluation.
@@ -22,7 +22,7 @@ from ..live.tracker.sources import Sample
 from ..scenario import NUM_TRACKERS, Scenario
 from .autopilot import SimulatedAutopilot
 from .fault_plan import FaultPlan
-from .site import World
+from .site import Site
 from .tracker_processes import TrackerPorts, TrackerProcesses, free_udp_ports
 from .udp_relay import UdpRelay
 
@@ -95,7 +95,7 @@ def run_stage(play: Play, connection: Connection) -> None:
 class _Stage:
     def __init__(self, play: Play, connection: Connection) -> None:
         self._play, self._connection = play, connection
-        self._world = World(play.scenario, play.seed, play.chase, play.plan)
+        self._site = Site(play.scenario, play.seed, play.chase, play.plan)
         self._relay = UdpRelay(play.plan, play.controller_port, f"{play.seed} {play.chase}")
         free = free_udp_ports(2 * NUM_TRACKERS)
         ports = [
@@ -107,7 +107,7 @@ class _Stage:
         self._sources = [(LOOPBACK, one.source) for one in ports]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._autopilots = [
-            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._world.vehicles, ports, strict=True)
+            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.vehicles, ports, strict=True)
         ]
         self._trackers = TrackerProcesses(play.scenario, play.plan, ports, play.folder)
         self._start_ns: int | None = None
@@ -137,7 +137,7 @@ class _Stage:
         self._socket.close()
 
     def _step(self, now_ns: int) -> None:
-        for address, samples in zip(self._sources, self._world.advance(now_ns), strict=True):
+        for address, samples in zip(self._sources, self._site.advance(now_ns), strict=True):
             self._report(address, samples)
         for autopilot in self._autopilots:
             autopilot.step(now_ns)
@@ -147,7 +147,7 @@ class _Stage:
             self._tell_the_truth(now_ns)
         elif all(autopilot.has_companion for autopilot in self._autopilots):
             self._start_ns = now_ns
-            self._world.begin(now_ns)
+            self._site.begin(now_ns)
             self._relay.begin(now_ns)
             self._tell_the_truth(now_ns)
             self._connection.send(Ready())
@@ -164,13 +164,13 @@ class _Stage:
     def _tell_the_truth(self, now_ns: int) -> None:
         if now_ns - self._told_ns >= TRUTH_PERIOD_S * 1e9:
             self._told_ns = now_ns
-            self._connection.send(Truth(self._world.radio.target_m, self._world.distance_to_target_m()))
+            self._connection.send(Truth(self._site.radio.target_m, self._site.distance_to_target_m()))
 
     def _hears_the_end(self) -> bool:
         try:
             while self._connection.poll():
                 announcement: Announcement = self._connection.recv()
-                self._world.announce(announcement.since_ns, announcement.center_m, announcement.spacing_m)
+                self._site.announce(announcement.since_ns, announcement.center_m, announcement.spacing_m)
         except (EOFError, ConnectionResetError):
             return True
         return False

@@ -21,7 +21,7 @@ from ..live.tracker.sources import Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
-from .site import World
+from .site import Site
 from .told_controller import told_where
 from .virtual_network import CONTROLLER, VirtualNetwork
 
@@ -95,7 +95,7 @@ class VirtualChase:
         limits: SafetyLimits | None = None,
     ) -> None:
         self.clock = VirtualClock(START_NS)
-        """The world's, and the controller's."""
+        """The site's, and the controller's."""
         self.tracker_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         """Monotonic ones: nobody but a reboot steps them."""
         self.wall_clock = SkewedClock(self.clock)
@@ -104,9 +104,9 @@ class VirtualChase:
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
         self._recorder, self._watch = recorder, watch
-        self.world = World(scenario, seed, chase, self._plan)
-        self.world.begin(START_NS)
-        self._controller = told_where(controller, self.world.radio.target_m)
+        self.site = Site(scenario, seed, chase, self._plan)
+        self.site.begin(START_NS)
+        self._controller = told_where(controller, self.site.radio.target_m)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
         self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
         self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
@@ -127,7 +127,7 @@ class VirtualChase:
         while self.service.state in UNDER_WAY and self._seconds() < LONGEST_CHASE_S:
             self.tick()
         snapshot = self.service.snapshot()
-        near = self.world.distance_to_target_m() <= self._scenario.success_radius_m
+        near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
         if near and self._movements_to_target is None:
             self._movements_to_target = snapshot.movements
         return VirtualResult(
@@ -153,7 +153,7 @@ class VirtualChase:
         """The same while the service hangs."""
         self.clock.advance(TICK_S)
         self._ticks += 1
-        for receiver, samples in zip(self._receivers, self.world.advance(self.clock.now_ns()), strict=True):
+        for receiver, samples in zip(self._receivers, self.site.advance(self.clock.now_ns()), strict=True):
             receiver.put(samples)
         self.network.pass_on()
         for tracker in range(NUM_TRACKERS):
@@ -171,8 +171,8 @@ class VirtualChase:
             assert snapshot.center_m is not None
             assert snapshot.spacing_m is not None
             self._announced_ns = snapshot.window_since_ns
-            self.world.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
-            near = self.world.distance_to_target_m() <= self._scenario.success_radius_m
+            self.site.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
+            near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
             if near and self._movements_to_target is None:
                 self._movements_to_target = snapshot.movements
         self._watch(snapshot)
@@ -187,7 +187,7 @@ class VirtualChase:
         if self._plan.is_dead(tracker, self._seconds()):
             self.agents[tracker] = None
             # Without its agent the vehicle does what an autopilot does without a companion.
-            self.world.vehicles[tracker].hold()
+            self.site.vehicles[tracker].hold()
         elif agent is None:
             self.agents[tracker] = self._agent(tracker)
         elif not (ProcessFault.FROZEN in faults or (ProcessFault.SLOW in faults and self._ticks % SLOW_TICKS)):
@@ -196,7 +196,7 @@ class VirtualChase:
     def _agent(self, tracker: int) -> TrackerAgent:
         wall_time_ns, udp = self.tracker_wall_clocks[tracker].now_ns, self.network.trackers[tracker]
         link = TrackerMavlinkLink(tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=wall_time_ns, udp=udp)
-        vehicle, receiver = _Flown(self.world.vehicles[tracker]), self._receivers[tracker]
+        vehicle, receiver = _Flown(self.site.vehicles[tracker]), self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
         return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
 
@@ -223,7 +223,7 @@ class VirtualChase:
 
 
 class _Flown:
-    """A vehicle as its agent has it: time passes for it in the world alone, whatever the agent's clock says."""
+    """A vehicle as its agent has it: time passes for it at the site alone, whatever the agent's clock says."""
 
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         self._vehicle = vehicle
@@ -242,14 +242,14 @@ class _Flown:
         return self._vehicle.mode
 
     def update(self, now_ns: int) -> None:
-        """The world does it."""
+        """The site does it."""
 
     def close(self) -> None:
         """Nothing is held."""
 
 
 class _Receiver:
-    """Hands on what the world has it hear, dated by its tracker's clock. An ``RssiSource``."""
+    """Hands on what the site has it hear, dated by its tracker's clock. An ``RssiSource``."""
 
     def __init__(self, clock: SkewedClock) -> None:
         self._clock = clock

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..scenario import Scenario
 from .in_turn import run_in_turn
 from .processes import run_processes
-from .run import Progress, TrainingResult, open_run
+from .run import TellStatus, TrainingResult, open_run
 from .settings import A3CSchedule, TrainingSettings
 
 
@@ -24,7 +24,7 @@ def train_a3c(
     folder: Path,
     schedule: A3CSchedule = "processes",
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: TellStatus | None = None,
 ) -> TrainingResult:
     """Train the four networks; everything it makes lies in ``folder``.
 

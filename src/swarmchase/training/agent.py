@@ -40,7 +40,7 @@ class FinishedChase:
 
 
 @dataclass(frozen=True)
-class Progress:
+class ChasesInPlay:
     """Where an agent stands in its chases: a batch as in ``swarmchase.batch.selection``."""
 
     number: Int[torch.Tensor, "chase"]
@@ -165,11 +165,11 @@ class LocalAgent:
     def _prefix(self) -> str:
         return f"agent{self._index}"
 
-    def _begun(self, numbers: list[int]) -> Progress:
+    def _begun(self, numbers: list[int]) -> ChasesInPlay:
         keys: list[ChaseKey] = [(training_seed(self._settings.seed), number) for number in numbers]
         nothing = torch.zeros(len(keys), dtype=torch.bool, device=self._device)
         streams = ChaseStreams.of(keys, "policy")
-        return Progress(
+        return ChasesInPlay(
             number=torch.tensor(numbers, device=self._device),
             state=self._environment.reset(keys, _nearness(streams) if self._settings.varied_start else None),
             memory=self.local.networks.begin(self._told, len(keys)).to(self._device),

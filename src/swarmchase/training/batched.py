@@ -14,7 +14,7 @@ import torch
 from ..errors import InputError
 from ..scenario import Scenario
 from .in_turn import run_in_turn
-from .run import Progress, TrainingResult, open_run
+from .run import TellStatus, TrainingResult, open_run
 from .settings import TrainingSettings
 
 
@@ -23,7 +23,7 @@ def train_batched(
     settings: TrainingSettings,
     folder: Path,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: TellStatus | None = None,
     num_threads: int = 1,
     device: str = "cpu",
 ) -> TrainingResult:

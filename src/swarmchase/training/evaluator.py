@@ -27,7 +27,7 @@ LAST_WEIGHTS = "last.safetensors"
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class AuxiliaryEvaluation:
     """What the networks can do after so many updates; of several scenarios each figure is their mean."""
 
     update: int
@@ -70,7 +70,7 @@ class Evaluator:
         settings: TrainingSettings,
         schedule: Schedule,
         folder: Path,
-        best: Evaluation | None,
+        best: AuxiliaryEvaluation | None,
     ) -> None:
         self._scenarios = scenarios
         self._settings = settings
@@ -79,13 +79,13 @@ class Evaluator:
         self._flat = FlatNetworks(new_networks(settings))
         self.best = best
 
-    def evaluate(self, snapshot: SharedParameters) -> Evaluation:
+    def evaluate(self, snapshot: SharedParameters) -> AuxiliaryEvaluation:
         """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
         evaluation = measured(self._scenarios, self._settings, snapshot)
         self.keep(evaluation, snapshot)
         return evaluation
 
-    def keep(self, evaluation: Evaluation, snapshot: SharedParameters) -> None:
+    def keep(self, evaluation: AuxiliaryEvaluation, snapshot: SharedParameters) -> None:
         """Write the weights of this evaluation to the run's folder in float16, where they are the best so far."""
         if self.best is None or evaluation.order < self.best.order:
             self.best = evaluation
@@ -93,12 +93,14 @@ class Evaluator:
             configuration = weights_configuration(self._scenarios, self._settings, self._schedule, evaluation.update)
             save_trained_weights(self._folder / BEST_WEIGHTS, self._flat.networks, configuration)
 
-    def meets_criterion(self, evaluation: Evaluation) -> bool:
+    def meets_criterion(self, evaluation: AuxiliaryEvaluation) -> bool:
         """Whether training may stop early."""
         return self._settings.stop_at_p90 is not None and evaluation.movements_p90 <= self._settings.stop_at_p90
 
 
-def measured(scenarios: Sequence[Scenario], settings: TrainingSettings, snapshot: SharedParameters) -> Evaluation:
+def measured(
+    scenarios: Sequence[Scenario], settings: TrainingSettings, snapshot: SharedParameters
+) -> AuxiliaryEvaluation:
     """The fixed chases of a training, with these parameters."""
     flat = FlatNetworks(new_networks(settings))
     flat.vector.copy_(snapshot.vector)
@@ -106,7 +108,7 @@ def measured(scenarios: Sequence[Scenario], settings: TrainingSettings, snapshot
     tables = [_chases(told, world, networks, settings) for told, world in _worlds(scenarios, settings)]
     movements = [[float(row.movements) for row in rows] for rows in tables]
     percentiles = [nearest_rank_percentile(values, 90) for values in movements]
-    return Evaluation(
+    return AuxiliaryEvaluation(
         update=int(snapshot.updates),
         movements_mean=_mean([_mean(values) for values in movements]),
         movements_p90=_mean(percentiles),

@@ -22,7 +22,7 @@ from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
-from .evaluator import Evaluation, Evaluator
+from .evaluator import AuxiliaryEvaluation, Evaluator
 from .global_agent import SharedParameters
 from .run import TrainingRun, next_evaluation, next_multiple
 from .settings import TrainingSettings
@@ -48,8 +48,8 @@ class _Channels:
 
 @dataclass(frozen=True)
 class _EvaluationMail:
-    evaluation: Evaluation
-    best: Evaluation | None
+    evaluation: AuxiliaryEvaluation
+    best: AuxiliaryEvaluation | None
     meets_criterion: bool
 
 
@@ -261,7 +261,7 @@ def _auxiliary_agent_process(
     shared: SharedParameters,
     channels: _Channels,
     folder: Path,
-    best: Evaluation | None,
+    best: AuxiliaryEvaluation | None,
     next_update: int,
 ) -> None:
     with _worker(channels, "auxiliary agent"):

@@ -16,7 +16,7 @@ from ..networks.forms import continued_networks, new_networks
 from ..networks.weights import load_weights
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
-from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, Evaluation, save_trained_weights, weights_configuration
+from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, AuxiliaryEvaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks
 from .run_folder import ResumePoint, RunFolder, TrainingLog
@@ -32,7 +32,7 @@ class TrainingStatus:
     environment_steps: int
     seconds: float
     last_chase: FinishedChase | None
-    last_evaluation: Evaluation | None
+    last_evaluation: AuxiliaryEvaluation | None
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class TrainingResult:
     updates: int
     environment_steps: int
     seconds: float
-    best: Evaluation | None
+    best: AuxiliaryEvaluation | None
     stopped: str
     """"finished", "criterion met" or "interrupted"."""
     weights: Path
     """The best weights by evaluation, or the last where none was made."""
 
 
-Progress = Callable[[TrainingStatus], None]
+TellStatus = Callable[[TrainingStatus], None]
 """Is told how the run goes, several times a second."""
 
 
@@ -74,7 +74,7 @@ class TrainingRun:
         schedule: Schedule,
         folder: RunFolder,
         point: ResumePoint,
-        progress: Progress | None,
+        progress: TellStatus | None,
         device: str = "cpu",
     ) -> None:
         self.scenarios = scenarios
@@ -90,7 +90,7 @@ class TrainingRun:
         self._began_s = time.monotonic() - point.seconds
         self._log = TrainingLog(folder.folder, int(self.shared.updates))
         self._last_chase: FinishedChase | None = None
-        self._last_evaluation: Evaluation | None = None
+        self._last_evaluation: AuxiliaryEvaluation | None = None
 
     @property
     def seconds(self) -> float:
@@ -106,7 +106,9 @@ class TrainingRun:
         self._last_chase = chase
         self._log.chase(chase)
 
-    def evaluated(self, evaluation: Evaluation, best: Evaluation | None, meets_criterion: bool) -> None:
+    def evaluated(
+        self, evaluation: AuxiliaryEvaluation, best: AuxiliaryEvaluation | None, meets_criterion: bool
+    ) -> None:
         """The auxiliary agent evaluated; the run stops where its criterion is met."""
         self._last_evaluation, self.best = evaluation, best
         self._log.evaluation(evaluation, self.seconds, self.environment_steps)
@@ -187,7 +189,7 @@ def open_run(
     schedule: Schedule,
     folder: Path,
     resume: bool,
-    progress: Progress | None,
+    progress: TellStatus | None,
     device: str = "cpu",
 ) -> Iterator[TrainingRun]:
     """A new run, or the one in ``folder`` gone on with; Ctrl-C asks it to stop instead of tearing it down.

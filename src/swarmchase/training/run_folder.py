@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..files import require_writable_folder, write_text_atomically
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
-from .evaluator import Evaluation
+from .evaluator import AuxiliaryEvaluation
 from .global_agent import SharedParameters
 from .settings import TrainingSettings
 
@@ -32,7 +32,7 @@ class ResumePoint:
 
     parameters: SharedParameters
     agents: Sequence[AgentSnapshot]
-    best: Evaluation | None
+    best: AuxiliaryEvaluation | None
     environment_steps: int
     seconds: float
     """Wall time spent so far."""
@@ -93,7 +93,7 @@ class RunFolder:
                 )
                 for index, streams in enumerate(document["agents"])
             ]
-            best = None if document["best"] is None else Evaluation(**document["best"])
+            best = None if document["best"] is None else AuxiliaryEvaluation(**document["best"])
             return ResumePoint(parameters, agents, best, document["environment_steps"], document["seconds"])
         except (KeyError, TypeError) as error:
             raise InputError(f"resume file {path} is incomplete: {error}") from error
@@ -118,7 +118,7 @@ class TrainingLog:
             "chase", {"movements": chase.movements, **dict(zip(names, chase.reward_m, strict=True))}, chase.update
         )
 
-    def evaluation(self, evaluation: Evaluation, seconds: float, environment_steps: int) -> None:
+    def evaluation(self, evaluation: AuxiliaryEvaluation, seconds: float, environment_steps: int) -> None:
         """Log an evaluation by the auxiliary agent."""
         numbers = dataclasses.asdict(evaluation)
         self._write(

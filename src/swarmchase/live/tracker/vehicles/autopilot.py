@@ -16,7 +16,7 @@ from typing import Any
 from ....errors import InputError
 from ...link.messages import FARTHEST_M, Metres, TrackerMode
 from .firmware import Firmware, GuidedMode
-from .frames import Frame, LocalFrame
+from .frames import CoordinateFrame, LocalFrame
 from .known_firmware import UNKNOWN, firmware_of
 from .transports import Transport
 
@@ -60,14 +60,14 @@ class AutopilotVehicle:
         InputError: pymavlink is not installed.
     """
 
-    def __init__(self, transport: Transport, frame: Frame | None = None, system: int = 1) -> None:
+    def __init__(self, transport: Transport, frame: CoordinateFrame | None = None, system: int = 1) -> None:
         try:
             from pymavlink.dialects.v20 import common
         except ModuleNotFoundError as error:
             raise InputError("pymavlink is missing: pip install 'swarmchase[live]'") from error
         self.rejected: Counter[str] = Counter()
         self._transport = transport
-        self._frame: Frame = frame or LocalFrame()
+        self._frame: CoordinateFrame = frame or LocalFrame()
         self._target = (system, AUTOPILOT_COMPONENT)
         self._mavlink: Any = common.MAVLink(None, srcSystem=system, srcComponent=OWN_COMPONENT)
         self._mavlink.robust_parsing = True

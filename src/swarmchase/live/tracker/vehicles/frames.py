@@ -16,7 +16,7 @@ EQUATORIAL_RADIUS_M, ECCENTRICITY_SQUARED = 6_378_137.0, 6.69437999014e-3
 
 
 @runtime_checkable
-class Frame(Protocol):
+class CoordinateFrame(Protocol):
     """What the set-points and positions of one autopilot are in."""
 
     position_message: str

@@ -6,7 +6,7 @@ from ....errors import InputError
 from ...address import LOOPBACK, host_and_port
 from ...link.messages import PositionReport
 from .autopilot import AutopilotVehicle
-from .frames import Frame, GlobalFrame, LocalFrame
+from .frames import CoordinateFrame, GlobalFrame, LocalFrame
 from .kind import VehicleDetails, VehicleKind
 from .transports import SerialTransport, UdpTransport
 
@@ -22,7 +22,7 @@ def _open_serial(place: str, details: VehicleDetails) -> AutopilotVehicle:
     return AutopilotVehicle(SerialTransport(Path(place), details.autopilot_baud), frame, system)
 
 
-def _frame(details: VehicleDetails) -> Frame:
+def _frame(details: VehicleDetails) -> CoordinateFrame:
     """Indoors every autopilot's own, measured; outdoors one point of the earth for all. To guess would be dangerous."""
     if details.position_m is not None:
         raise InputError("--position-m is for the simulated vehicle: an autopilot knows its position")
