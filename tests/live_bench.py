@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from swarmchase.site.environment import Environment, State
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import Controller
@@ -22,6 +21,7 @@ from swarmchase.live.service.service import ControllerService
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.environment import Environment, State
 
 IDLE, CONNECTING, SAMPLING, MOVING, HOLDING, REACHED, LOST, ABORTED = ChaseState
 STEP_S = 0.05

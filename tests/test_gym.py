@@ -11,14 +11,14 @@ import torch
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_env_for_stable_baselines3
-from swarmchase.site.environment import Environment
-from swarmchase.site.radio import rssi_dbm
 
 from swarmchase.channel.fading import DEEPEST_FADE_DB
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.gym import ENVIRONMENT_ID, ChaseEnv, ChaseVectorEnv, rssi_bounds_dbm
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
+from swarmchase.world.radio import rssi_dbm
 
 STAY = np.array([4, 2, 2, 2])
 """Spacing 5 m, no movement."""

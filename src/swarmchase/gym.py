@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from .batch.selection import join_chases, select_chases
 from .batch.streams import ChaseKey, chase_keys
 from .channel.fading import DEEPEST_FADE_DB
-from .channel.propagation import path_loss_db
+from .channel.propagation import reference_dbm, unfaded_dbm
 from .errors import InputError
 from .formation import Action, action_from_choice
 from .gym_registration import ENVIRONMENT_ID
@@ -44,8 +44,8 @@ def rssi_bounds_dbm(scenario: Scenario) -> tuple[float, float]:
     farthest_step_m = math.sqrt(3) * max(abs(choice_m) for choice_m in scenario.displacement_choices_m)
     widest_spacing_m = max(scenario.initial_spacing_m, *scenario.spacing_choices_m)
     farthest_m = scenario.start_distance_m + scenario.max_movements * farthest_step_m + widest_spacing_m
-    weakest_dbm = scenario.transmit_power_dbm - float(path_loss_db(scenario, torch.tensor(farthest_m)))
-    strongest_dbm = scenario.transmit_power_dbm - scenario.reference_path_loss_db
+    weakest_dbm = float(unfaded_dbm(scenario, torch.tensor(farthest_m)))
+    strongest_dbm = reference_dbm(scenario)
     return weakest_dbm + DEEPEST_FADE_DB, strongest_dbm + FADING_PEAK_HEADROOM_DB
 
 

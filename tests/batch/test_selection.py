@@ -7,7 +7,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.selection import join_chases, pack, select_chases, unpack
 from swarmchase.batch.streams import chase_keys
@@ -17,6 +16,7 @@ from swarmchase.evaluation.chases import ChaseResult, run_chases
 from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import action_from_choice
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 RUNNING = {"continuity": "continuous", "los_phase": "independent"}
 WORLDS = [{}, {"los_phase": "independent"}, {"continuity": "continuous"}, RUNNING]

@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.special import j0
-from swarmchase.site.radio import rssi_dbm
 
 from swarmchase.batch.selection import join_chases, select_chases
 from swarmchase.batch.streams import chase_keys
@@ -28,6 +27,7 @@ from swarmchase.channel.fading import (
 )
 from swarmchase.channel.propagation import path_loss_db
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.radio import rssi_dbm
 
 NUM_TRACKERS = 6
 

@@ -21,7 +21,7 @@ import torch
 from swarmchase.cli import COMMANDS, main
 from swarmchase.commands import options, train
 from swarmchase.commands.terminal import progress_bar
-from swarmchase.controllers import ActionChoice
+from swarmchase.controllers import ActionChoice, controller_names
 from swarmchase.evaluation.table import evaluate
 from swarmchase.networks.actor_critic import SwarmNetworks
 from swarmchase.networks.weights import save_weights
@@ -85,10 +85,9 @@ def test_help_and_the_package_itself_import_nothing_slow() -> None:
 
 
 def test_names_of_the_package_are_those_of_their_homes() -> None:
-    from swarmchase.site.environment import Environment
-
     import swarmchase
     from swarmchase.observation import Observation
+    from swarmchase.world.environment import Environment
 
     assert swarmchase.Environment is Environment
     assert swarmchase.Observation is Observation
@@ -102,6 +101,7 @@ def test_options_offer_what_the_package_knows() -> None:
     assert get_args(options.ActionChoice) == get_args(ActionChoice)
     assert get_args(train.Schedule) == get_args(A3CSchedule)
     assert get_args(train.Precision) == get_args(Precision)
+    assert sorted(options.CONTROLLERS) == sorted(controller_names())
 
 
 def test_installed_command_is_this_package() -> None:

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 from scipy.optimize import least_squares
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.selection import join_chases, pack, select_chases
 from swarmchase.batch.streams import chase_keys
@@ -37,6 +36,7 @@ from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import nearest_choice, tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 CONVENTIONAL = ["gradient", "multilateration", "multilateration-unknown-power", "particle", "particle-unknown-power"]
 LISTENING = [*CONVENTIONAL, "recurrent", "robust", "paper"]

@@ -18,7 +18,6 @@ from scipy.interpolate import make_lsq_spline
 from scipy.linalg import eigh, toeplitz
 from scipy.special import j0
 from scipy.stats import multivariate_normal, norm, rankdata
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.channel.fading_law import LAW_WINDOWS
@@ -27,6 +26,7 @@ from swarmchase.controllers.condition import Condition
 from swarmchase.controllers.particle import FREE_SHARE, FREE_SPREAD, ParticleController
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 pytest.importorskip("stonesoup", reason="stonesoup, the independent particle filter, comes with the dev extra")
 

@@ -5,8 +5,6 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from swarmchase.site.environment import Environment
-from swarmchase.site.target import draw_target_position_m
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers.condition import Condition
@@ -18,6 +16,8 @@ from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.formation import tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
+from swarmchase.world.target import draw_target_position_m
 
 
 def observation_at(center_m, spacing_m=3.0):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import scipy.stats
 from matplotlib.figure import Figure
-from swarmchase.site.departures import DEPARTURES, departed
 
 from swarmchase.cli import main
 from swarmchase.controllers import load_controller
@@ -38,6 +37,7 @@ from swarmchase.evaluation.table import Evaluation, evaluate
 from swarmchase.reports.comparison import distribution_figure, percentile_figure, world_figure
 from swarmchase.reports.comparison_tables import comparison_tables
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.departures import DEPARTURES, departed
 
 NEAR = paper_scenario(start_distance_m=10.0, max_movements=15)
 LOUD = dataclasses.replace(NEAR, transmit_power_dbm=29.0)

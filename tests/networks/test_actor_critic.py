@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.controllers.learned import LearnedController
@@ -13,6 +12,7 @@ from swarmchase.formation import action_from_choice
 from swarmchase.networks.actor_critic import NETWORK_NAMES, SwarmNetworks, greedy_choice, input_map, sampled_choice
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 LEVEL_DBM = -60.0
 

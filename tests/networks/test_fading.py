@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from swarmchase.site.environment import Environment, unfaded_dbm
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.channel.fading import FadingProcess, fading_db
@@ -30,6 +29,7 @@ from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.rollout import collect
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS
+from swarmchase.world.environment import Environment, unfaded_dbm
 
 NAN = math.nan
 WORLD = paper_scenario(sampling_hz=100.0, spatial_correlation=0.1)

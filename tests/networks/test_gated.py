@@ -7,8 +7,6 @@ import signal
 import pytest
 import torch
 from safetensors.torch import load_file
-from swarmchase.site.departures import drawn_world
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.cli import main
@@ -29,6 +27,8 @@ from swarmchase.training.losses import LossSettings
 from swarmchase.training.rollout import collect
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS, training_seed
+from swarmchase.world.departures import drawn_world
+from swarmchase.world.environment import Environment
 
 WORLD = paper_scenario(start_distance_m=8.0, max_movements=12)
 SMALL = {

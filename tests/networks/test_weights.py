@@ -7,7 +7,6 @@ import struct
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import controller_names, load_controller, require_controller
@@ -20,6 +19,7 @@ from swarmchase.networks.paper import PaperForm
 from swarmchase.networks.weights import load_weights, save_weights, shared_weights
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment
 
 CONFIGURATION = {"method": "by hand", "scenario": paper_scenario(sampling_hz=20).to_dict(), "list": [1, 2.5, None]}
 HEAD = "by_name.x.policy_head.bias"

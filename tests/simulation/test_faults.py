@@ -20,8 +20,6 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
-from swarmchase.site.environment import Environment
-
 from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import Controller
@@ -43,6 +41,7 @@ from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.virtual_chase import KEYS, START_NS, TICK_S, VirtualChase, VirtualResult
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualSocket
+from swarmchase.world.environment import Environment
 
 IDLE, CONNECTING, SAMPLING, MOVING, HOLDING, REACHED, LOST, ABORTED = ChaseState
 NEAR: dict[str, Any] = {

@@ -17,13 +17,12 @@ import pytest
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 pytest.importorskip("mcap", reason="the live system needs: pip install 'swarmchase[live]'")
 
-from swarmchase.site.environment import Environment
-
 from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.cli import main
 from swarmchase.live.log.recording import Recording, read_recording
 from swarmchase.live.log.verification import verify
+from swarmchase.world.environment import Environment
 
 PATIENCE_S = 240.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""

@@ -13,8 +13,6 @@ import torch
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
-from swarmchase.site.environment import Environment, distance_to_target_m
-
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, tracker_position_m
@@ -46,6 +44,7 @@ from swarmchase.simulation.tracker_processes import free_udp_ports
 from swarmchase.simulation.udp_relay import UdpRelay
 from swarmchase.simulation.virtual_chase import KEYS, START_NS, SkewedClock
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork
+from swarmchase.world.environment import Environment, distance_to_target_m
 
 SILENT, STUCK, GARBAGE, WRONG, DELAYED, INTERMITTENT = ReceiverFault
 SLOW, FROZEN, KILL, RESTART = ProcessFault

@@ -9,14 +9,6 @@ from typing import Any
 import pytest
 import torch
 from safetensors.torch import load_file
-from swarmchase.site.environment import (
-    Environment,
-    State,
-    counterfactual_reward_m,
-    distance_reduction_m,
-    unfaded_dbm,
-)
-from swarmchase.site.radio import rssi_dbm
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.cli import main
@@ -36,6 +28,14 @@ from swarmchase.training.run import TrainingStatus
 from swarmchase.training.run_folder import read_log
 from swarmchase.training.settings import PRESETS, TrainingSettings
 from swarmchase.training.symmetry import mirrored
+from swarmchase.world.environment import (
+    Environment,
+    State,
+    counterfactual_reward_m,
+    distance_reduction_m,
+    unfaded_dbm,
+)
+from swarmchase.world.radio import rssi_dbm
 
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
 OTHER = dataclasses.replace(WORLD, sampling_hz=100.0, spatial_correlation=0.1)

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 
 import pytest
 import torch
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.errors import InputError
@@ -19,6 +18,7 @@ from swarmchase.training.losses import (
     rollout_loss,
 )
 from swarmchase.training.rollout import Rollout, collect
+from swarmchase.world.environment import Environment
 
 LN2 = math.log(2)
 HALVING = [1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 16]

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 
 import pytest
 import torch
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.errors import InputError
@@ -16,6 +15,7 @@ from swarmchase.training.agent import AgentSnapshot, LocalAgent
 from swarmchase.training.losses import LossSettings, rollout_loss
 from swarmchase.training.rollout import Rollout, collect
 from swarmchase.training.settings import TrainingSettings, training_seed
+from swarmchase.world.environment import Environment
 
 NEAR = paper_scenario(start_distance_m=6.0, success_radius_m=4.0, max_movements=7, window_samples=3)
 """Chases that end both ways, soon."""

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from swarmchase.site.departures import DEPARTURE_SHARE, DEPARTURES, departed, drawn_world
-from swarmchase.site.environment import Environment
 
 from swarmchase.batch.streams import chase_keys
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.departures import DEPARTURE_SHARE, DEPARTURES, departed, drawn_world
+from swarmchase.world.environment import Environment
 
 TOLD = paper_scenario(sampling_hz=20.0, spatial_correlation=0.3, transmit_power_dbm=17.0, rician_k=4.0)
 """Differs from Table I in what departures could mistake for its own."""

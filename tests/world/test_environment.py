@@ -9,8 +9,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from swarmchase.site.environment import Environment, distance_to_target_m
-from swarmchase.site.target import draw_target_position_m
 
 from swarmchase.batch.selection import pack
 from swarmchase.batch.streams import ChaseStreams, chase_keys
@@ -18,6 +16,8 @@ from swarmchase.benchmarks import environment as benchmark
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, action_from_choice
 from swarmchase.scenario import paper_scenario
+from swarmchase.world.environment import Environment, distance_to_target_m
+from swarmchase.world.target import draw_target_position_m
 
 
 def vector(*rows):

@@ -6,13 +6,13 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from swarmchase.site.environment import Environment, State
-from swarmchase.site.receivers import Receivers
 
 from swarmchase.batch.selection import join_chases, pack, select_chases, unpack
 from swarmchase.batch.streams import chase_keys
 from swarmchase.formation import action_from_choice
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.environment import Environment, State
+from swarmchase.world.receivers import Receivers
 
 FAULTS = {
     "offsets": {"receiver_offset_db": 3.0},

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ..errors import InputError
 from ..files import require_writable_file
-from .options import ActionChoice, ScenarioOptions
+from .options import ActionChoice, ControllerName, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json
 
 
@@ -16,9 +16,7 @@ from .terminal import CONSOLE, explain_choice, print_json
 class ChaseCommand(ScenarioOptions):
     """Run one chase and tell it movement by movement; leave a log and a picture of it."""
 
-    controller: str = "paper"
-    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
-    oracle, or the path of a weights file; docs/controllers.md says which to choose."""
+    controller: ControllerName = "paper"
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     seed: int = 0

@@ -12,7 +12,7 @@ from rich.text import Text
 from ..files import require_writable_file
 from ..reports.intervals import shown_interval
 from ..scenario import Scenario
-from .options import ActionChoice, ClusterOptions, ScenarioOptions
+from .options import ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar
 
 if TYPE_CHECKING:
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """Run a controller through many chases and print movements, tracking time and their confidence intervals."""
 
-    controller: str = "paper"
-    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
-    oracle, or the path of a weights file; docs/controllers.md says which to choose."""
+    controller: ControllerName = "paper"
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     episodes: int = 1000

@@ -2,10 +2,12 @@
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import arg
 
 from ..errors import InputError
 from ..files import require_writable_folder
@@ -17,6 +19,30 @@ if TYPE_CHECKING:
 
 ActionChoice = Literal["sampled", "greedy"]
 """As in ``controllers``, which is slow to import: it needs torch."""
+
+CONTROLLERS = (
+    "recurrent",
+    "robust",
+    "particle",
+    "particle-unknown-power",
+    "multilateration",
+    "multilateration-unknown-power",
+    "gradient",
+    "paper",
+    "paper-a3c",
+    "random",
+    "oracle",
+)
+"""``controllers.controller_names()``, those for an unknown channel and those that listen best first."""
+
+
+def _controller_help(names: Sequence[str]) -> str:
+    return f"{', '.join(names)}, or the path of a weights file; docs/controllers.md says which to choose."
+
+
+ControllerName = Annotated[str, arg(help=_controller_help(CONTROLLERS))]
+ListeningControllerName = Annotated[str, arg(help=_controller_help([name for name in CONTROLLERS if name != "oracle"]))]
+"""Of a live chase, where nobody can tell the oracle where the target is."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
-from .options import LinkOptions, ScenarioOptions, ServiceOptions, fields_from
+from .options import LinkOptions, ListeningControllerName, ScenarioOptions, ServiceOptions, fields_from
 from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -25,9 +25,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
     reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
 
-    controller: str = "recurrent"
-    """recurrent, robust, particle, multilateration (both also with -unknown-power), gradient, paper, paper-a3c, random,
-    or the path of a weights file; docs/controllers.md says which to choose."""
+    controller: ListeningControllerName = "recurrent"
     listen: str = "127.0.0.1:14550"
     """HOST:PORT that trackers dial, UDP."""
     start: bool = False

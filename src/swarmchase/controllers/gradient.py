@@ -10,12 +10,12 @@ Missing samples do not count; a pair with a silent tracker leaves its component 
 sample it holds still.
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
 
 from ..batch.array_types import Float, Int, Tensor
+from ..channel.propagation import slope_db
 from ..formation import Action, nearest_choice
 from ..observation import Observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
@@ -46,7 +46,7 @@ class GradientController:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._slope_db = 10 * scenario.path_loss_exponent / math.log(10)
+        self._slope_db = slope_db(scenario)
         self._steepest_db_per_m = self._slope_db / scenario.reference_distance_m
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> GradientMemory:

@@ -20,6 +20,7 @@ import torch
 
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..channel.fading_law import fading_law
+from ..channel.propagation import reference_dbm, slope_db
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario
@@ -64,7 +65,7 @@ class MultilaterationController:
         self.name = "multilateration" if power_is_known else "multilateration-unknown-power"
         self._scenario = scenario
         self._law = fading_law(scenario)
-        self._slope_db = 10 * scenario.path_loss_exponent / math.log(10)
+        self._slope_db = slope_db(scenario)
         self._free = torch.tensor([True, True, True, not power_is_known])
         direction = CANDIDATE_DIRECTION / CANDIDATE_DIRECTION.norm(dim=1, keepdim=True)
         self._candidate = torch.nn.functional.pad(scenario.start_distance_m * direction, (0, 1))
@@ -143,7 +144,7 @@ class MultilaterationController:
         """Of the distance from the start, of the power, and whitened of every window and tracker."""
         distance_m = _length_m(self._offset_m(memory, estimate)).clamp(min=self._scenario.reference_distance_m)
         loss_db = self._slope_db * (distance_m / self._scenario.reference_distance_m).log()
-        gain_dbm = self._scenario.transmit_power_dbm - self._scenario.reference_path_loss_db + self._law.median_db
+        gain_dbm = reference_dbm(self._scenario) + self._law.median_db
         residual_db = memory.power_dbm.nan_to_num(0.0) + loss_db - gain_dbm - estimate[:, None, None, 3]
         start_m = _length_m(estimate[:, :3])[:, None].clamp(min=1e-6)
         return torch.cat(

@@ -26,6 +26,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.fading_law import WindowPower, fading_law
+from ..channel.propagation import loss_beyond_reference_db, reference_dbm
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
@@ -143,11 +144,10 @@ class ParticleController:
     ) -> Float[Tensor, "chase particle"]:
         """Of this window if the target were where each particle is (Eqs. 1-2 and the law of the fading)."""
         offset_m = memory.position_m[:, None] - tracker_position_m.float()[..., None]
-        nearest_m = self._scenario.reference_distance_m
-        distance_m = offset_m.square_().sum(dim=2).sqrt_().clamp_(min=nearest_m)
-        loss_db = (distance_m / nearest_m).log10_().mul_(10 * self._scenario.path_loss_exponent)
-        gain_dbm = self._scenario.transmit_power_dbm - self._scenario.reference_path_loss_db
-        excess_db = power_dbm.nan_to_num(0.0)[..., None] - gain_dbm - memory.excess_power_db[:, None]
+        loss_db = loss_beyond_reference_db(self._scenario, offset_m.square_().sum(dim=2).sqrt_())
+        excess_db = (
+            power_dbm.nan_to_num(0.0)[..., None] - reference_dbm(self._scenario) - memory.excess_power_db[:, None]
+        )
         return self._law.log_likelihood(loss_db.add_(excess_db), heard).double()
 
     def _weighed(

@@ -11,7 +11,6 @@ import torch
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
-from swarmchase.site.environment import Environment, distance_to_target_m
 
 from live_bench import (
     ABORTED,
@@ -43,6 +42,7 @@ from swarmchase.live.service.service import ABORT_S, DEAF_WINDOWS, ControllerSer
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.world.environment import Environment, distance_to_target_m
 
 # A chase as it should be
 

@@ -14,11 +14,12 @@ swarm stays; the last window keeps a swarm that only passes the target from bein
 that was silent in any of the windows cannot object: on its side the criterion reaches further.
 """
 
-import math
 from collections import deque
 
 import numpy as np
+import torch
 
+from ...channel.propagation import unfaded_dbm
 from ...scenario import Scenario
 from .sample_window import Levels
 
@@ -44,20 +45,15 @@ class NearnessJudge:
             rssi_dbm: NaN where nothing valid came.
             center_distance_m: How far each tracker was from the centre [tracker].
         """
-        needed_dbm = np.array([self._needed_dbm(distance_m) for distance_m in center_distance_m.tolist()])
+        # Without fading, for a target at the success radius behind the centre.
+        farthest_m = torch.from_numpy(self._scenario.success_radius_m + center_distance_m)
+        needed_dbm = unfaded_dbm(self._scenario, farthest_m).numpy()
         self._power_share.append(_mean(10 ** ((rssi_dbm - needed_dbm) / 10)))
         if len(self._power_share) < self._windows or self._windows == 0:
             return False
         heard = np.minimum(np.array(self._power_share).mean(axis=0), self._power_share[-1])
         heard = heard[np.isfinite(heard)]
         return bool(len(heard) >= self._minimum_trackers and heard.min() >= 1)
-
-    def _needed_dbm(self, center_distance_m: float) -> float:
-        """Eqs. (1)-(2) without fading, for a target at the success radius behind the centre."""
-        scenario = self._scenario
-        ratio = max(1.0, (scenario.success_radius_m + center_distance_m) / scenario.reference_distance_m)
-        loss_db = scenario.reference_path_loss_db + 10 * scenario.path_loss_exponent * math.log10(ratio)
-        return scenario.transmit_power_dbm - loss_db
 
 
 def _mean(power: Levels) -> Levels:
