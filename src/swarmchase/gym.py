@@ -26,6 +26,7 @@ from .channel.propagation import reference_dbm, unfaded_dbm
 from .errors import InputError
 from .formation import Action, action_from_choice
 from .gym_registration import ENVIRONMENT_ID
+from .ranges import AT_LEAST_ONE, checked_number
 from .scenario import NUM_TRACKERS, Scenario
 from .world.environment import Environment, Outcome, State, distance_to_target_m
 
@@ -195,8 +196,7 @@ class ChaseVectorEnv(gymnasium.vector.VectorEnv[WindowDbm, Choices, NDArray[Any]
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 (Gymnasium wants it so)
 
     def __init__(self, num_envs: int = 1, scenario: Scenario | None = None, **changes: Any) -> None:
-        if num_envs < 1:
-            raise InputError(f"num_envs = {num_envs} is refused: allowed is at least 1")
+        checked_number("num_envs", num_envs, AT_LEAST_ONE)
         self._lanes = _Lanes(scenario, changes, num_envs)
         self.num_envs = num_envs
         self.scenario = self._lanes.scenario

@@ -5,8 +5,6 @@ value is refused with the field's name, the value and the allowed range.
 """
 
 import dataclasses
-import math
-import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +13,7 @@ from typing import Any, Literal, get_args
 
 from .errors import InputError
 from .files import write_text_atomically
+from .ranges import AT_LEAST_ONE, AT_LEAST_ZERO, FINITE, POSITIVE, SHARE, Range, checked_number, require_choice
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
@@ -30,33 +29,6 @@ def doppler_spread_from_speed_hz(relative_speed_mps: float, carrier_frequency_hz
     return relative_speed_mps / SPEED_OF_LIGHT_MPS * carrier_frequency_hz
 
 
-@dataclass(frozen=True)
-class _Range:
-    """What a number may be; ``text`` is how the refusal says it."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    low_is_allowed: bool = True
-
-    def admits(self, value: float | int) -> bool:
-        above = value >= self.low if self.low_is_allowed else value > self.low
-        # abs() <= max is isfinite() for whole numbers of any size, too.
-        return abs(value) <= sys.float_info.max and above and value <= self.high
-
-    @property
-    def text(self) -> str:
-        if self.low == -math.inf and self.high == math.inf:
-            return "a finite number"
-        if self.high == math.inf:
-            return f"{'at least' if self.low_is_allowed else 'greater than'} {self.low:g}"
-        if self.low_is_allowed:
-            return f"between {self.low:g} and {self.high:g}"
-        return f"greater than {self.low:g} and at most {self.high:g}"
-
-
-_POSITIVE = _Range(low=0.0, low_is_allowed=False)
-
-
 def _constant(default: Any, allowed: Any, symbol: str, source: str, meaning: str) -> Any:
     return field(default=default, metadata={"allowed": allowed, "symbol": symbol, "source": source, "help": meaning})
 
@@ -69,27 +41,25 @@ class Scenario:
         InputError: a value of the wrong type or outside its range.
     """
 
-    transmit_power_dbm: float = _constant(23.0, _Range(), "P_tx", "Table I", "Transmit power of the target.")
+    transmit_power_dbm: float = _constant(23.0, FINITE, "P_tx", "Table I", "Transmit power of the target.")
     reference_distance_m: float = _constant(
-        1.0, _POSITIVE, "d_0", "Table I", "Reference distance of the path loss; nearer distances count as this one."
+        1.0, POSITIVE, "d_0", "Table I", "Reference distance of the path loss; nearer distances count as this one."
     )
-    reference_path_loss_db: float = _constant(30.0, _Range(), "L_0", "Table I", "Path loss at the reference distance.")
-    path_loss_exponent: float = _constant(2.6, _POSITIVE, "n", "Table I", "Path loss exponent.")
+    reference_path_loss_db: float = _constant(30.0, FINITE, "L_0", "Table I", "Path loss at the reference distance.")
+    path_loss_exponent: float = _constant(2.6, POSITIVE, "n", "Table I", "Path loss exponent.")
     rician_k: float = _constant(
-        3.0, _Range(low=0.0), "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
+        3.0, AT_LEAST_ZERO, "K", "Table I", "Rician K-factor, linear: line-of-sight power over scattered power."
     )
     doppler_spread_hz: float = _constant(
-        1.0, _Range(0.0, 1000.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
+        1.0, Range(0.0, 1000.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
     )
-    window_samples: int = _constant(
-        50, _Range(low=1.0), "L", "Table I", "RSSI samples a tracker reports in one window."
-    )
+    window_samples: int = _constant(50, AT_LEAST_ONE, "L", "Table I", "RSSI samples a tracker reports in one window.")
     sampling_hz: float = _constant(
-        10.0, _POSITIVE, "F", "Section IV", "Sampling frequency; the paper uses 10, 20, 50 and 100."
+        10.0, POSITIVE, "F", "Section IV", "Sampling frequency; the paper uses 10, 20, 50 and 100."
     )
     spatial_correlation: float = _constant(
         0.9,
-        _Range(0.0, 1.0),
+        SHARE,
         "rho",
         "Eq. (4)",
         "Correlation of the scattered parts of two trackers; the paper uses 0.1, 0.5 and 0.9.",
@@ -105,33 +75,33 @@ class Scenario:
         "Fading from one window to the next: drawn anew, or one running process.",
     )
     start_distance_m: float = _constant(
-        100.0, _POSITIVE, "|O_0 - U|", "Section IV", "Distance of the target at the start."
+        100.0, POSITIVE, "|O_0 - U|", "Section IV", "Distance of the target at the start."
     )
     success_radius_m: float = _constant(
-        2.0, _POSITIVE, "th", "Table I", "The chase succeeds when the centre is at most this far from the target."
+        2.0, POSITIVE, "th", "Table I", "The chase succeeds when the centre is at most this far from the target."
     )
     max_movements: int = _constant(
-        500, _Range(low=1.0), "MAX_STEPS", "Table I", "Movements after which a chase has failed."
+        500, AT_LEAST_ONE, "MAX_STEPS", "Table I", "Movements after which a chase has failed."
     )
     spacing_choices_m: tuple[float, ...] = _constant(
-        (1.0, 2.0, 3.0, 4.0, 5.0), _POSITIVE, "A^d", "Section III.A", "Spacings the controller can choose."
+        (1.0, 2.0, 3.0, 4.0, 5.0), POSITIVE, "A^d", "Section III.A", "Spacings the controller can choose."
     )
     displacement_choices_m: tuple[float, ...] = _constant(
         (-4.0, -2.0, 0.0, 2.0, 4.0),
-        _Range(),
+        FINITE,
         "A^x, A^y, A^z",
         "Section III.A",
         "Displacements the controller can choose on each axis.",
     )
-    initial_spacing_m: float = _constant(5.0, _POSITIVE, "d_0", "choice", "Spacing while the first window is heard.")
+    initial_spacing_m: float = _constant(5.0, POSITIVE, "d_0", "choice", "Spacing while the first window is heard.")
     receiver_offset_db: float = _constant(
-        0.0, _Range(0.0, 100.0), "-", "choice", "Each receiver is off by a constant, drawn from plus or minus this."
+        0.0, Range(0.0, 100.0), "-", "choice", "Each receiver is off by a constant, drawn from plus or minus this."
     )
-    missing_sample_share: float = _constant(0.0, _Range(0.0, 1.0), "-", "choice", "Share of the samples that get lost.")
+    missing_sample_share: float = _constant(0.0, SHARE, "-", "choice", "Share of the samples that get lost.")
     silent_trackers: int = _constant(
-        0, _Range(0.0, float(NUM_TRACKERS)), "-", "choice", "Trackers, drawn for each chase, that report nothing."
+        0, Range(0.0, float(NUM_TRACKERS)), "-", "choice", "Trackers, drawn for each chase, that report nothing."
     )
-    tracker_speed_mps: float = _constant(5.0, _POSITIVE, "v", "Section IV", "Speed of the swarm between two windows.")
+    tracker_speed_mps: float = _constant(5.0, POSITIVE, "v", "Section IV", "Speed of the swarm between two windows.")
 
     def __post_init__(self) -> None:
         for constant in dataclasses.fields(self):
@@ -191,26 +161,16 @@ def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
     """The value in its field's own type, or a refusal with name, value and range."""
     allowed = constant.metadata["allowed"]
     value = tuple(value) if isinstance(value, list) else value
-    if isinstance(allowed, _Range):
+    if isinstance(allowed, Range):
         if isinstance(constant.default, tuple):
             if not isinstance(value, tuple) or not value:
                 raise InputError(
                     f"{constant.name} = {value!r} is refused: a list of numbers, each {allowed.text}, is needed"
                 )
-            return tuple(_checked_number(constant.name, entry, allowed, whole=False) for entry in value)
-        return _checked_number(constant.name, value, allowed, whole=isinstance(constant.default, int))
-    if value not in allowed:
-        raise InputError(f"{constant.name} = {value!r} is refused: allowed is {' or '.join(map(repr, allowed))}")
+            return tuple(checked_number(constant.name, entry, allowed, whole=False) for entry in value)
+        return checked_number(constant.name, value, allowed, whole=isinstance(constant.default, int))
+    require_choice(constant.name, value, allowed)
     return value
-
-
-def _checked_number(name: str, value: Any, allowed: _Range, whole: bool) -> float | int:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not allowed.admits(value) or (whole and int(value) != value):
-        raise InputError(
-            f"{name} = {value!r} is refused: allowed is {'a whole number ' if whole else ''}{allowed.text}"
-        )
-    return int(value) if whole else float(value)
 
 
 def _toml_value(value: Any) -> str:

@@ -203,7 +203,7 @@ EVALUATE = "evaluate --controller random --episodes 2"
         ("evaluate --controller nobody", "no controller 'nobody'; there are particle, particle-unknown-power"),
         ("chase --controller nobody", "no controller 'nobody'"),
         ("train a3c --folder run --preset quick", "no preset 'quick'; there are paper"),
-        ("train a3c --folder run --agents 0", "num_agents = 0 is refused: allowed is at least 1"),
+        ("train a3c --folder run --agents 0", "num_agents = 0 is refused: allowed is a whole number at least 1"),
         (f"{EVALUATE} --spatial-correlation 1.5", "spatial_correlation = 1.5 is refused: allowed is between 0 and 1"),
         (f"{EVALUATE} --spatial-correlation -0.1", "spatial_correlation = -0.1 is refused"),
         (f"{EVALUATE} --spatial-correlation nan", "spatial_correlation = nan is refused"),

@@ -208,7 +208,7 @@ def test_a_site_that_dies_is_a_clear_line(tmp_path: Path, lives: list[Live]) -> 
     ("words", "line"),
     [
         ("--faults rain=1", "fault 'rain=1' is refused: there are loss=SHARE"),
-        ("--faults loss=2", "fault 'loss=2' is refused: loss = 2.0 is refused: allowed is 0 to 1"),
+        ("--faults loss=2", "fault 'loss=2' is refused: loss = 2.0 is refused: allowed is between 0 and 1"),
         ("--faults kill=6@3", "fault 'kill=6@3' is refused"),
         ("--controller oracle", "the oracle knows where a simulated target is"),
         ("--controller nobody", "no controller 'nobody'"),

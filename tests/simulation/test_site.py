@@ -102,7 +102,7 @@ def test_plans_that_nobody_can_mean_are_refused_with_the_words_there_are(text: s
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("loss=1.1", "loss = 1.1 is refused: allowed is 0 to 1"),
+        ("loss=1.1", "loss = 1.1 is refused: allowed is between 0 and 1"),
         ("loss=nan", "loss = nan is refused"),
         ("burst=0.99", "burst_loss = 0.99 is refused: it needs longer bursts"),
         ("delay=-1", "delay_s = -1.0 is refused"),

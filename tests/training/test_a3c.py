@@ -270,7 +270,9 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch):
 )
 def test_settings_outside_their_range_are_refused_by_name(changes):
     [(name, value)] = changes.items()
-    with pytest.raises(InputError, match=f"{name} = {value} is refused: allowed is (at least|at most|greater than) "):
+    with pytest.raises(
+        InputError, match=f"{name} = {value} is refused: allowed is (a whole number )?(at least|between|greater than) "
+    ):
         TrainingSettings(**changes)
 
 

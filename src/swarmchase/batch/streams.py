@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from ..errors import InputError
+from ..ranges import AT_LEAST_ZERO, checked_number
 from .array_types import Float, Tensor
 
 ChaseKey = tuple[int, int]
@@ -27,8 +27,7 @@ _CHASES_AT_ONCE = 128
 
 def chase_keys(seed: int, num_chases: int, first_chase: int = 0) -> list[ChaseKey]:
     """The keys of ``num_chases`` chases of the run ``seed``, counted from ``first_chase``."""
-    if seed < 0:
-        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
+    checked_number("seed", seed, AT_LEAST_ZERO)
     return [(seed, chase) for chase in range(first_chase, first_chase + num_chases)]
 
 

@@ -13,6 +13,7 @@ from .. import __version__
 from ..controllers import ActionChoice, require_controller, weights_sha256
 from ..errors import InputError
 from ..files import require_writable_folder
+from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult
 from .table import Evaluation, evaluate
@@ -157,12 +158,10 @@ def evaluate_jobs(
         WorkerDiedError: a process was killed.
     """
     for job in jobs:
-        if job.episodes < 1:
-            raise InputError(f"episodes = {job.episodes} is refused: allowed is at least 1")
+        checked_number("episodes", job.episodes, AT_LEAST_ONE)
     for controller, told in dict.fromkeys((job.controller, job.told) for job in jobs):
         require_controller(controller, told)
-    if seed < 0:
-        raise InputError(f"seed = {seed} is refused: allowed is at least 0")
+    checked_number("seed", seed, AT_LEAST_ZERO)
     require_writable_folder(folder)
     blocks = [block for job in jobs for block in Block(folder, job, seed, 0, job.episodes).parts(BLOCK_CHASES)]
     chases = {block: block.load() for block in blocks}

@@ -14,8 +14,8 @@ import numpy as np
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import chase_keys
 from ..controllers.protocol import Controller, KnowsTarget
-from ..errors import InputError
 from ..formation import Action
+from ..ranges import AT_LEAST_ONE, checked_number
 from ..scenario import Scenario
 from ..world.environment import Environment, Outcome, State
 
@@ -49,8 +49,7 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
     Raises:
         InputError: no room for any chase.
     """
-    if batch_size < 1:
-        raise InputError(f"batch_size = {batch_size} is refused: allowed is at least 1")
+    checked_number("batch_size", batch_size, AT_LEAST_ONE)
     environment = Environment(scenario)
     numbers: list[int] = []
     state: State | None = None

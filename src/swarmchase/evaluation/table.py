@@ -22,6 +22,7 @@ from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import ActionChoice, chosen_weights, load_controller, require_controller
 from ..errors import InputError, WorkerDiedError
+from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
 from .statistics import mean_interval, nearest_rank_percentile, percentile_interval
@@ -140,11 +141,9 @@ def evaluate(
         WorkerDiedError: a process was killed, or failed with the error it printed.
     """
     for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
-        if value < 1:
-            raise InputError(f"{name} = {value} is refused: allowed is at least 1")
+        checked_number(name, value, AT_LEAST_ONE)
     for name, value in (("seed", seed), ("first_chase", first_chase)):
-        if value < 0:
-            raise InputError(f"{name} = {value} is refused: allowed is at least 0")
+        checked_number(name, value, AT_LEAST_ZERO)
     require_controller(controller, scenario)
     work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []

@@ -7,6 +7,7 @@ from random import Random
 from typing import Generic, TypeVar
 
 from ..errors import InputError
+from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, SHARE, ranged, require_ranges
 
 MOST_IN_FLIGHT = 1000
 """On one path; when more are sent, the oldest give way."""
@@ -25,38 +26,31 @@ class Faults:
             or an outage that ends before it starts.
     """
 
-    loss: float = 0.0
+    loss: float = ranged(0.0, SHARE)
     """Probability that a message is lost, each on its own."""
-    burst_loss: float = 0.0
+    burst_loss: float = ranged(0.0, SHARE)
     """Share of messages lost in bursts (Gilbert's model: a path is good or bad, and in bad times loses everything)."""
-    mean_burst_messages: float = 10.0
+    mean_burst_messages: float = ranged(10.0, AT_LEAST_ONE)
     """Mean length of such a burst."""
-    delay_s: float = 0.0
+    delay_s: float = ranged(0.0, AT_LEAST_ZERO)
     """Mean time on the way."""
     jitter_s: float = 0.0
     """A message's delay is uniform within so much of the mean; messages sent closer together may change places."""
-    duplication: float = 0.0
+    duplication: float = ranged(0.0, SHARE)
     """Probability that a message comes twice, each copy with a delay of its own."""
-    reordering: float = 0.0
+    reordering: float = ranged(0.0, SHARE)
     """Probability that a message is held back for ``held_back_s``, so that later ones overtake it."""
-    held_back_s: float = 0.1
-    replay: float = 0.0
+    held_back_s: float = ranged(0.1, AT_LEAST_ZERO)
+    replay: float = ranged(0.0, SHARE)
     """Probability, at each sending, that somebody also sends one of the last 100 messages again."""
     outages_s: tuple[tuple[float, float], ...] = ()
     """(start, end), seconds since the path was made: what is sent or would come within is lost."""
 
     def __post_init__(self) -> None:
-        for name in ("loss", "burst_loss", "duplication", "reordering", "replay"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 to 1")
-        if not 1 <= self.mean_burst_messages < float("inf"):
-            raise InputError(f"mean_burst_messages = {self.mean_burst_messages} is refused: allowed is 1 or more")
+        require_ranges(self)
         # Bursts of l messages on average, and at least one message between them, lose l / (l + 1) at most.
         if self.burst_loss < 1 and self.burst_loss > (1 - self.burst_loss) * self.mean_burst_messages:
             raise InputError(f"burst_loss = {self.burst_loss} is refused: it needs longer bursts")
-        for name in ("delay_s", "held_back_s"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 or more")
         if not 0 <= self.jitter_s <= self.delay_s:
             raise InputError(f"jitter_s = {self.jitter_s} is refused: allowed is 0 to delay_s")
         for start_s, end_s in self.outages_s:

@@ -12,6 +12,7 @@ from pathlib import Path
 import torch
 
 from ..errors import InputError
+from ..ranges import AT_LEAST_ONE, checked_number
 from ..scenario import Scenario
 from .in_turn import run_in_turn
 from .run import TellStatus, TrainingResult, open_run
@@ -37,8 +38,7 @@ def train_batched(
     """
     if not scenarios:
         raise InputError("no scenario to train for: give at least one")
-    if num_threads < 1:
-        raise InputError(f"threads = {num_threads} is refused: allowed is at least 1")
+    checked_number("threads", num_threads, AT_LEAST_ONE)
     _require_device(device)
     agents_of_all = dataclasses.replace(settings, num_agents=settings.num_agents * len(scenarios))
     with open_run(scenarios, agents_of_all, "batched", folder, resume, progress, device) as run:

@@ -5,16 +5,15 @@ steps invalid; they count nowhere.
 """
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import torch
 
 from ..batch.array_types import Bool, Float, Tensor
-from ..errors import InputError
 from ..networks.protocol import DecidingNetworks, ExpectingNetwork, HearingNetworks
 from ..observation import mean_power_dbm
+from ..ranges import AT_LEAST_ZERO, POSITIVE, SHARE, ranged, require_ranges
 from ..scenario import NUM_TRACKERS
 from .rollout import Rollout
 
@@ -46,37 +45,25 @@ class LossSettings:
         InputError: a number outside its range.
     """
 
-    objective: Objective = "actor_critic"
+    objective: Objective = ranged("actor_critic", get_args(Objective))
     """What the networks learn from."""
-    discount: float = 0.99
+    discount: float = ranged(0.99, SHARE)
     """gamma."""
-    gae_lambda: float = 1.0
+    gae_lambda: float = ranged(1.0, SHARE)
     """lambda of the generalised advantage (Schulman et al. 2016); 1 is Algorithm 1's n-step return."""
-    entropy_coefficient: float = 0.01
+    entropy_coefficient: float = ranged(0.01, AT_LEAST_ZERO)
     """beta."""
     bootstrap_at_truncation: bool = False
     """Whether a chase cut off at MAX_STEPS keeps the value of its last window; Algorithm 1 cuts it."""
-    value_loss: ValueLoss = "n_step"
+    value_loss: ValueLoss = ranged("n_step", get_args(ValueLoss))
     """L1 of the n-step advantage (Algorithm 1) or of the one-step temporal difference (Section III.B)."""
-    clip_range: float = 0.2
+    clip_range: float = ranged(0.2, POSITIVE)
     """PPO: how far the probability ratio may leave 1 before it earns nothing more."""
-    temperature_m: float = 0.2
+    temperature_m: float = ranged(0.2, POSITIVE)
     """Counterfactual regression: a logit is a reward over this, so choices this much better are e times likelier."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.discount <= 1:
-            raise InputError(f"discount = {self.discount} is refused: allowed is between 0 and 1")
-        if not 0 <= self.gae_lambda <= 1:
-            raise InputError(f"gae_lambda = {self.gae_lambda} is refused: allowed is between 0 and 1")
-        if not 0 <= self.entropy_coefficient < math.inf:
-            raise InputError(f"entropy_coefficient = {self.entropy_coefficient} is refused: allowed is at least 0")
-        for name in ("clip_range", "temperature_m"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is greater than 0")
-        if self.objective not in get_args(Objective):
-            raise InputError(f"objective = {self.objective!r} is refused: allowed is {', '.join(get_args(Objective))}")
-        if self.value_loss not in get_args(ValueLoss):
-            raise InputError(f"value_loss = {self.value_loss!r} is refused: allowed is n_step or one_step")
+        require_ranges(self)
 
 
 def lambda_returns(

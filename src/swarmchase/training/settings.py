@@ -1,13 +1,13 @@
 """What defines a training run, and the named presets."""
 
 import dataclasses
-import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from ..controllers.learned import ActionChoice
 from ..errors import InputError
 from ..networks.forms import FORMS
+from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, POSITIVE, SHARE, Range, ranged, require_ranges
 from .losses import DISPLACEMENT_SCALE_M, LossSettings
 
 Precision = Literal["float32", "bfloat16"]
@@ -28,21 +28,21 @@ class TrainingSettings:
         InputError: a number outside its range.
     """
 
-    num_agents: int = 8
+    num_agents: int = ranged(8, AT_LEAST_ONE)
     """Number of local agents (Table I)."""
-    chases_per_agent: int = 1
+    chases_per_agent: int = ranged(1, AT_LEAST_ONE)
     """Chases a local agent plays at a time; its gradient is their average. The paper's agents play one."""
-    update_interval: int = 5
+    update_interval: int = ranged(5, AT_LEAST_ONE)
     """T, movements between two updates (Table I)."""
-    learning_rate: float = 1e-5
+    learning_rate: float = ranged(1e-5, POSITIVE)
     """Adam's learning rate (Table I)."""
-    final_learning_rate: float | None = None
+    final_learning_rate: float | None = ranged(None, AT_LEAST_ZERO)
     """Falls linearly to this over the run; None keeps it constant, as in the paper."""
-    max_gradient_norm: float | None = None
+    max_gradient_norm: float | None = ranged(None, POSITIVE)
     """A longer gradient is shortened to this; None never does, as in the paper."""
-    passes_per_rollout: int = 1
+    passes_per_rollout: int = ranged(1, AT_LEAST_ONE)
     """Updates made from each rollout; more than one is for PPO."""
-    form: str = "paper"
+    form: str = ranged("paper", tuple(FORMS))
     """The form of the networks: one of ``networks.forms.FORMS``."""
     losses: LossSettings = field(default_factory=LossSettings)
     """What is learned: objective, discount, entropy bonus, value loss and the cut at MAX_STEPS."""
@@ -54,59 +54,29 @@ class TrainingSettings:
     """Half of the chases begin nearer to their target, down to a fortieth of the distance, log-uniformly."""
     varied_world: bool = False
     """Each agent plays in a world of its own that departs from what the networks are told (``world.departures``)."""
-    spacing_exploration: float | None = None
+    spacing_exploration: float | None = ranged(None, SHARE)
     """The spacing is the most likely one but for this share of movements, when it is any one; None samples it."""
     initial_weights: str | None = None
     """Weights file that training begins from; None draws the weights anew."""
-    precision: Precision = "float32"
+    precision: Precision = ranged("float32", get_args(Precision))
     """Of the networks' products; parameters, Adam, channel and losses are float32 either way."""
-    max_updates: int = 200_000
+    max_updates: int = ranged(200_000, Range(1, MOST_UPDATES))
     """Updates of the global networks; the paper's EPISODES are not stated."""
-    seed: int = 0
+    seed: int = ranged(0, AT_LEAST_ZERO)
     """Seed of the training's chases, initial weights and actions."""
-    evaluation_interval: int = 5_000
+    evaluation_interval: int = ranged(5_000, AT_LEAST_ONE)
     """Updates between two evaluations by the auxiliary agent."""
-    action_choice: ActionChoice = "sampled"
+    action_choice: ActionChoice = ranged("sampled", get_args(ActionChoice))
     """How the networks act in an evaluation, and wherever their weights file is used."""
-    evaluation_chases: int = 200
+    evaluation_chases: int = ranged(200, AT_LEAST_ONE)
     """Fixed chases of such an evaluation."""
     stop_at_p90: float | None = None
     """Training stops when the 90th percentile of movements in an evaluation is at most this; None never stops it."""
-    checkpoint_interval: int = 2_000
+    checkpoint_interval: int = ranged(2_000, AT_LEAST_ONE)
     """Updates between two checkpoints."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "num_agents",
-            "chases_per_agent",
-            "update_interval",
-            "passes_per_rollout",
-            "max_updates",
-            "evaluation_interval",
-            "evaluation_chases",
-            "checkpoint_interval",
-        ):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is at least 1")
-        if self.max_updates > MOST_UPDATES:
-            raise InputError(f"max_updates = {self.max_updates} is refused: allowed is at most {MOST_UPDATES}")
-        if not 0 < self.learning_rate < math.inf:
-            raise InputError(f"learning_rate = {self.learning_rate} is refused: allowed is greater than 0")
-        if self.final_learning_rate is not None and not 0 <= self.final_learning_rate < math.inf:
-            raise InputError(f"final_learning_rate = {self.final_learning_rate} is refused: allowed is at least 0")
-        for name, allowed in (
-            ("form", tuple(FORMS)),
-            ("precision", get_args(Precision)),
-            ("action_choice", get_args(ActionChoice)),
-        ):
-            if getattr(self, name) not in allowed:
-                raise InputError(f"{name} = {getattr(self, name)!r} is refused: allowed is {' or '.join(allowed)}")
-        if self.max_gradient_norm is not None and not 0 < self.max_gradient_norm < math.inf:
-            raise InputError(f"max_gradient_norm = {self.max_gradient_norm} is refused: allowed is greater than 0")
-        if self.spacing_exploration is not None and not 0 <= self.spacing_exploration <= 1:
-            raise InputError(f"spacing_exploration = {self.spacing_exploration} is refused: allowed is between 0 and 1")
-        if self.seed < 0:
-            raise InputError(f"seed = {self.seed} is refused: allowed is at least 0")
+        require_ranges(self)
         self._require_what_goes_together()
 
     def _require_what_goes_together(self) -> None:

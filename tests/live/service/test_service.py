@@ -780,14 +780,14 @@ def test_an_epoch_that_cannot_be_is_refused(epoch: int) -> None:
 @pytest.mark.parametrize(
     ("name", "refused", "allowed", "words"),
     [
-        ("minimum_trackers", [0, 7, -1], [1, 6], "1 to 6"),
-        ("reached_windows", [-1], [0, 1, 100], "0 or more"),
-        ("arrival_tolerance_m", [0.0, -0.1, math.inf, math.nan], [0.01, 50.0], "above 0"),
-        ("connect_wait_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
-        ("settle_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
-        ("move_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
-        ("sampling_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
-        ("retry_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "0 or more"),
+        ("minimum_trackers", [0, 7, -1], [1, 6], "a whole number between 1 and 6"),
+        ("reached_windows", [-1], [0, 1, 100], "a whole number at least 0"),
+        ("arrival_tolerance_m", [0.0, -0.1, math.inf, math.nan], [0.01, 50.0], "greater than 0"),
+        ("connect_wait_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "at least 0"),
+        ("settle_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "at least 0"),
+        ("move_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "at least 0"),
+        ("sampling_allowance_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "at least 0"),
+        ("retry_s", [-0.1, math.inf, math.nan], [0.0, 60.0], "at least 0"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(name: str, refused: list[Any], allowed: list[Any], words: str) -> None:

@@ -4,6 +4,12 @@
 
 from dataclasses import dataclass
 
+from ...ranges import Range, ranged
+from ..link.messages import FARTHEST_M, FASTEST_MPS
+
+PLACE = Range(-FARTHEST_M, FARTHEST_M)
+"""Of one coordinate."""
+
 
 @dataclass(frozen=True)
 class LimitValues:
@@ -13,19 +19,19 @@ class LimitValues:
     lowest one to the ground's where there is any. In the paper's narrowest formation neighbours are 1.41 m apart.
     """
 
-    fence_west_m: float = -200.0
+    fence_west_m: float = ranged(-200.0, PLACE)
     """Lowest x of any tracker; x is east, y north, z up, from the origin that all trackers share."""
-    fence_east_m: float = 200.0
+    fence_east_m: float = ranged(200.0, PLACE)
     """Highest x."""
-    fence_south_m: float = -200.0
+    fence_south_m: float = ranged(-200.0, PLACE)
     """Lowest y."""
-    fence_north_m: float = 200.0
+    fence_north_m: float = ranged(200.0, PLACE)
     """Highest y."""
-    lowest_altitude_m: float = -150.0
+    lowest_altitude_m: float = ranged(-150.0, PLACE)
     """Lowest z: set it to what lies above the ground."""
-    highest_altitude_m: float = 150.0
+    highest_altitude_m: float = ranged(150.0, PLACE)
     """Highest z."""
-    highest_speed_mps: float = 5.0
+    highest_speed_mps: float = ranged(5.0, Range(0, FASTEST_MPS, low_is_allowed=False))
     """Of any tracker's set-points."""
-    minimum_separation_m: float = 1.0
+    minimum_separation_m: float = ranged(1.0, Range(0, FARTHEST_M))
     """Of any two trackers."""

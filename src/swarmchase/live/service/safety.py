@@ -12,12 +12,13 @@ that is too near comes nearer.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import InputError
-from ..link.messages import FARTHEST_M, FASTEST_MPS
+from ...ranges import require_ranges
+from ..link.messages import FARTHEST_M
 from .limit_values import LimitValues
 from .sample_window import Point, Points
 
@@ -44,14 +45,7 @@ class SafetyLimits(LimitValues):
     """
 
     def __post_init__(self) -> None:
-        for limit in fields(self):
-            value = getattr(self, limit.name)
-            if not abs(value) <= FARTHEST_M:
-                raise InputError(f"{limit.name} = {value} is refused: allowed is a finite number up to {FARTHEST_M:g}")
-        if not 0 < self.highest_speed_mps <= FASTEST_MPS:
-            raise InputError(f"highest_speed_mps = {self.highest_speed_mps} is refused: allowed is 0 to {FASTEST_MPS}")
-        if self.minimum_separation_m < 0:
-            raise InputError(f"minimum_separation_m = {self.minimum_separation_m} is refused: it is negative")
+        require_ranges(self)
         if not (self.low_m < self.high_m).all():
             raise InputError(f"the fence is refused: between {self.low_m} and {self.high_m} there is no room")
 

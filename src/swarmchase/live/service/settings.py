@@ -1,9 +1,8 @@
 """How the operator wants a chase run, apart from the safety limits."""
 
-import math
 from dataclasses import dataclass
 
-from ...errors import InputError
+from ...ranges import AT_LEAST_ZERO, POSITIVE, Range, ranged, require_ranges
 from ...scenario import NUM_TRACKERS
 
 
@@ -11,9 +10,9 @@ from ...scenario import NUM_TRACKERS
 class OperatorSettings:
     """Those that commands offer as options."""
 
-    minimum_trackers: int = 4
+    minimum_trackers: int = ranged(4, Range(1, NUM_TRACKERS))
     """With fewer that are heard and can be commanded, the service holds."""
-    reached_windows: int = 2
+    reached_windows: int = ranged(2, AT_LEAST_ZERO)
     """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
 
 
@@ -25,27 +24,19 @@ class ServiceSettings(OperatorSettings):
         InputError: a number of trackers or windows, a length or a time that cannot be.
     """
 
-    connect_wait_s: float = 2.0
+    connect_wait_s: float = ranged(2.0, AT_LEAST_ZERO)
     """With enough trackers it waits so long for the others before it begins."""
-    arrival_tolerance_m: float = 0.3
+    arrival_tolerance_m: float = ranged(0.3, POSITIVE)
     """A tracker this near to its place has arrived."""
-    settle_s: float = 0.8
+    settle_s: float = ranged(0.8, AT_LEAST_ZERO)
     """Then it brakes and swings for a moment: samples count from so long after its arrival."""
-    move_allowance_s: float = 5.0
+    move_allowance_s: float = ranged(5.0, AT_LEAST_ZERO)
     """A movement may take twice its shortest time and this."""
-    sampling_allowance_s: float = 2.0
+    sampling_allowance_s: float = ranged(2.0, AT_LEAST_ZERO)
     """A window may take this much longer than its samples, from the first valid one on; what has not come by then is
     missing."""
-    retry_s: float = 1.0
+    retry_s: float = ranged(1.0, AT_LEAST_ZERO)
     """After the controller's failure it holds for so long."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.minimum_trackers <= NUM_TRACKERS:
-            raise InputError(f"minimum_trackers = {self.minimum_trackers} is refused: allowed is 1 to {NUM_TRACKERS}")
-        if self.reached_windows < 0:
-            raise InputError(f"reached_windows = {self.reached_windows} is refused: allowed is 0 or more")
-        if not 0 < self.arrival_tolerance_m < math.inf:
-            raise InputError(f"arrival_tolerance_m = {self.arrival_tolerance_m} is refused: allowed is above 0")
-        for name in ("connect_wait_s", "settle_s", "move_allowance_s", "sampling_allowance_s", "retry_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} = {getattr(self, name)} is refused: allowed is 0 or more")
+        require_ranges(self)

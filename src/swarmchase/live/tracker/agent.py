@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from ...errors import InputError
+from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
 from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
 from ..link.protocol import Link
@@ -30,20 +31,17 @@ class AgentSettings:
         InputError: a rate or time that cannot be.
     """
 
-    window_hz: float = 10.0
+    window_hz: float = ranged(10.0, POSITIVE)
     """RSSI messages a second; each holds up to 50 samples, so that any one that arrives restores them all."""
-    position_hz: float = 10.0
-    heartbeat_hz: float = 1.0
-    hold_after_s: float = 1.0
+    position_hz: float = ranged(10.0, POSITIVE)
+    heartbeat_hz: float = ranged(1.0, POSITIVE)
+    hold_after_s: float = ranged(1.0, POSITIVE)
     """After the sending of the last set-point the vehicle holds (PX4's COM_OF_LOSS_T)."""
     return_after_s: float = 60.0
     """After it, the vehicle returns to where it was when it first followed; 0: it never does."""
 
     def __post_init__(self) -> None:
-        for name in ("window_hz", "position_hz", "heartbeat_hz", "hold_after_s"):
-            value = getattr(self, name)
-            if not 0 < value < math.inf:
-                raise InputError(f"{name} = {value} is refused: allowed is a number above 0")
+        require_ranges(self)
         if not (self.return_after_s == 0 or self.hold_after_s <= self.return_after_s < math.inf):
             allowed = f"0 or at least hold_after_s = {self.hold_after_s:g}"
             raise InputError(f"return_after_s = {self.return_after_s} is refused: allowed is {allowed}")

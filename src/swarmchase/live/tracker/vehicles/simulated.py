@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ....errors import InputError
+from ....ranges import POSITIVE, ranged, require_ranges
 from ...link.messages import Metres, PositionReport, TrackerMode
 from .kind import VehicleDetails, VehicleKind
 
@@ -22,14 +23,11 @@ class VehicleLimits:
         InputError: a limit that is not above 0.
     """
 
-    speed_mps: float = 5.0
-    acceleration_mps2: float = 5.0
+    speed_mps: float = ranged(5.0, POSITIVE)
+    acceleration_mps2: float = ranged(5.0, POSITIVE)
 
     def __post_init__(self) -> None:
-        for name in ("speed_mps", "acceleration_mps2"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} = {value} is refused: allowed is a number above 0")
+        require_ranges(self)
 
 
 class SimulatedVehicle:
