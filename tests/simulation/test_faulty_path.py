@@ -10,7 +10,7 @@ from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
 from swarmchase.scenario import NUM_TRACKERS
 from swarmchase.simulation.fault_plan import FaultPlan
-from swarmchase.simulation.faulty_path import MOST_IN_FLIGHT, NO_FAULTS, Faults, FaultyPath
+from swarmchase.simulation.faulty_path import MOST_IN_FLIGHT, Faults, FaultyPath
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork, VirtualSocket
 
 
@@ -46,7 +46,7 @@ def send_down(network: VirtualNetwork, number: int, tracker: int) -> None:
 
 
 def test_without_faults_everything_comes_at_once_and_in_order() -> None:
-    path = FaultyPath[int](NO_FAULTS, Random(0), 0)
+    path = FaultyPath[int](Faults(), Random(0), 0)
     for number in (3, 0, 7, 5):
         path.put(number, 10)
     assert path.take(9) == []
@@ -236,4 +236,3 @@ def test_a_full_path_gives_up_the_oldest_and_counts_them() -> None:
 def test_faults_that_cannot_be(changes: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError, match=what):
         Faults(**changes)
-    assert Faults() == NO_FAULTS

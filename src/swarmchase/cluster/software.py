@@ -12,7 +12,6 @@ from pathlib import Path
 from ..errors import InputError
 
 PACKAGE = "swarmchase"
-CODE = "code of swarmchase"
 DIGITS = 12
 """Of a digest, as people compare them."""
 

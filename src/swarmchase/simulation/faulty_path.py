@@ -58,9 +58,6 @@ class Faults:
                 raise InputError(f"an outage from {start_s} s to {end_s} s is refused")
 
 
-NO_FAULTS = Faults()
-
-
 class FaultyPath(Generic[_Item]):
     """One direction of a link: what is put in comes out later, or never, or twice.
 

@@ -94,7 +94,7 @@ def run_stage(play: Play, connection: Connection) -> None:
 
 class _Stage:
     def __init__(self, play: Play, connection: Connection) -> None:
-        self._play, self._connection = play, connection
+        self._connection = connection
         self._site = Site(play.scenario, play.seed, play.chase, play.plan)
         self._relay = UdpRelay(play.plan, play.controller_port, f"{play.seed} {play.chase}")
         free = free_udp_ports(2 * NUM_TRACKERS)
