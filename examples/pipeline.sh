@@ -9,7 +9,8 @@
 set -euo pipefail
 
 folder=${1:-pipeline-output}
-swarmchase=${SWARMCHASE:-swarmchase}
+here=$(command -v "$(dirname "$0")/../.venv/bin/swarmchase" || true)  # what make chase installed, if it did
+swarmchase=${SWARMCHASE:-${here:-swarmchase}}
 updates=${UPDATES:-300}
 episodes=${EPISODES:-500}
 # F and rho: how often they listen, how alike they fade.
