@@ -69,7 +69,8 @@ def test_tracking_time_is_windows_and_flight(
     sampling_hz: float, movements: int, path_length_m: float, speed_mps: float, time_s: float
 ) -> None:
     scenario = paper_scenario(sampling_hz=sampling_hz)
-    assert tracking_time_s(scenario, movements, path_length_m, speed_mps) == pytest.approx(time_s, rel=1e-12)
+    times_s = tracking_time_s(scenario, np.array([movements]), np.array([path_length_m]), speed_mps)
+    assert times_s == pytest.approx(time_s, rel=1e-12)
 
 
 # --- intervals -------------------------------------------------------------------------------------------------------

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import __version__
 from ..controllers.protocol import Controller
 from ..files import write_text_atomically
@@ -48,7 +50,8 @@ def chase_log(
 ) -> dict[str, Any]:
     """The whole chase as JSON can hold it: what is needed to redo it, its summary and every movement."""
     last = moments[-1]
-    times = {f"{speed:g}": tracking_time_s(scenario, last.movement, last.path_length_m, speed) for speed in SPEEDS_MPS}
+    way = np.array(last.movement), np.array(last.path_length_m)
+    times = {f"{speed:g}": float(tracking_time_s(scenario, *way, speed)) for speed in SPEEDS_MPS}
     return {
         "version": __version__,
         "scenario": scenario.to_dict(),

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
@@ -34,9 +35,11 @@ SHARE_CHASES = 500
 """A further process is started for every so many chases: for fewer it would cost more time than it saves."""
 
 
-def tracking_time_s(scenario: Scenario, movements: int, path_length_m: float, speed_mps: float) -> float:
-    """tau(M, F) = M L / F + sum of d_m / v (Section IV)."""
-    return movements * scenario.window_s + path_length_m / speed_mps
+def tracking_time_s(
+    scenario: Scenario, movements: NDArray[Any], path_length_m: NDArray[Any], speed_mps: float
+) -> NDArray[np.float64]:
+    """tau(M, F) = M L / F + sum of d_m / v (Section IV), of each chase."""
+    return np.asarray(movements * scenario.window_s + path_length_m / speed_mps, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Evaluation:
 
         Failed chases count as MAX_STEPS + 1 movements and are never dropped.
         """
-        movements = np.array([chase.movements for chase in self.chases])
+        movements, times_s = np.array([chase.movements for chase in self.chases]), self._times_s()
         reached = sum(chase.reached for chase in self.chases)
         return {
             "controller": self.controller,
@@ -82,10 +85,8 @@ class Evaluation:
             "movements_p90": nearest_rank_percentile(movements, 90),
             "movements_p90_ci95": percentile_interval(movements, 90),
             "movements_max": int(movements.max()),
-            "tracking_time_mean_s": {f"{speed:g}": float(np.mean(self._times_s(speed))) for speed in SPEEDS_MPS},
-            "tracking_time_mean_s_ci95": {
-                f"{speed:g}": mean_interval(np.array(self._times_s(speed))) for speed in SPEEDS_MPS
-            },
+            "tracking_time_mean_s": {f"{speed:g}": float(times_s[speed].mean()) for speed in SPEEDS_MPS},
+            "tracking_time_mean_s_ci95": {f"{speed:g}": mean_interval(times_s[speed]) for speed in SPEEDS_MPS},
             "version": __version__,
         }
 
@@ -97,7 +98,7 @@ class Evaluation:
             field.name: [getattr(chase, field.name) for chase in self.chases]
             for field in dataclasses.fields(ChaseResult)
         }
-        times = {f"tracking_time_{speed:g}mps_s": self._times_s(speed) for speed in SPEEDS_MPS}
+        times = {f"tracking_time_{speed:g}mps_s": time_s for speed, time_s in self._times_s().items()}
         origin = {
             "version": __version__,
             "scenario": self.scenario.to_dict(),
@@ -109,12 +110,12 @@ class Evaluation:
         }
         write_table(path, pa.table({**columns, **times}), origin, compression="snappy")
 
-    def _times_s(self, speed_mps: float) -> list[float]:
+    def _times_s(self) -> dict[float, NDArray[np.float64]]:
+        """The time of each chase at each speed; a failed chase's is that of the windows it heard."""
         world = self.world or self.scenario
-        return [
-            tracking_time_s(world, min(chase.movements, world.max_movements), chase.path_length_m, speed_mps)
-            for chase in self.chases
-        ]
+        movements = np.minimum([chase.movements for chase in self.chases], world.max_movements)
+        path_length_m = np.array([chase.path_length_m for chase in self.chases])
+        return {speed: tracking_time_s(world, movements, path_length_m, speed) for speed in SPEEDS_MPS}
 
 
 def evaluate(
