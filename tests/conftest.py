@@ -8,6 +8,10 @@ from typing import Any
 import pytest
 import torch
 
+from type_checks import check_types
+
+check_types()
+
 # One thread: tests compare small batches, where more threads only wait for one another.
 torch.set_num_threads(1)
 
