@@ -22,7 +22,7 @@ def pipeline(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_it_trains_evaluates_compares_and_draws_and_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_it_trains_evaluates_compares_and_draws(tmp_path: Path) -> None:
     folder, tiny = tmp_path / "pipeline", tmp_path / "tiny.toml"
     tiny.write_text("max_movements = 3\n", encoding="utf-8")
     settings = {"UPDATES": "1", "EPISODES": "2", "SETTING": f"--scenario-file {tiny}"}
@@ -36,10 +36,16 @@ def test_it_trains_evaluates_compares_and_draws_and_goes_on_where_it_was(tmp_pat
         assert name in compared
     for picture in ("chase/chase.png", "comparison/movements.png"):
         assert (folder / picture).read_bytes().startswith(b"\x89PNG"), picture
-    weights = (folder / "run" / "best.safetensors").read_bytes()
-    again = pipeline(folder, **settings)
-    assert again.returncode == 0, again.stderr
-    assert (folder / "run" / "best.safetensors").read_bytes() == weights
+
+
+def test_interrupted_it_goes_on_with_the_training_it_finds(tmp_path: Path) -> None:
+    def words() -> list[str]:
+        return pipeline(tmp_path, SWARMCHASE="echo").stdout.splitlines()
+
+    assert not any("--resume" in line for line in words())
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "resume.safetensors").touch()
+    assert [line.split()[:2] for line in words() if "--resume" in line] == [["train", "batched"]]
 
 
 @pytest.mark.parametrize("command", ["false", "no-such-command"])

@@ -2,12 +2,12 @@
 when the chase has ended.
 """
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+from ...evaluation.statistics import nearest_rank_percentile
 from ..link.mavlink import ControllerMavlinkLink
 from ..stop_request import StopRequest
 from ..ticker import Ticker
@@ -196,4 +196,4 @@ def percentile_ms(seconds: Collection[float], percent: int) -> float | None:
     """The least value that so many per cent do not exceed, in milliseconds; None of nothing."""
     if not seconds:
         return None
-    return round(1000 * sorted(seconds)[math.ceil(percent * len(seconds) / 100) - 1], 3)
+    return round(1000 * nearest_rank_percentile(list(seconds), percent), 3)
