@@ -16,7 +16,7 @@ from type_checks import AXES
 
 
 def test_types_are_checked() -> None:
-    with pytest.raises(BeartypeCallHintParamViolation):
+    with pytest.raises(jaxtyping.TypeCheckError):
         nearest_rank_percentile([1, 2], "90")
     with pytest.raises(BeartypeCallHintParamViolation):
         Heartbeat(tracker="0", time_ns=0, mode=TrackerMode.FOLLOWING)

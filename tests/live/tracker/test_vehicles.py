@@ -25,7 +25,7 @@ from swarmchase.live.tracker.vehicles import (
     VehicleLimits,
 )
 from swarmchase.live.tracker.vehicles.autopilot import MOST_MODE_REQUESTS
-from swarmchase.live.tracker.vehicles.frames import Frame
+from swarmchase.live.tracker.vehicles.frames import CoordinateFrame
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 SECOND_NS = 1_000_000_000
@@ -220,7 +220,7 @@ class FakeAutopilot:
 class Flight:
     """A vehicle, its autopilot, and time that passes in steps of .1 s."""
 
-    def __init__(self, frame: Frame | None = None, firmware: int = ARDUPILOT, kind: int = COPTER) -> None:
+    def __init__(self, frame: CoordinateFrame | None = None, firmware: int = ARDUPILOT, kind: int = COPTER) -> None:
         pytest.importorskip("pymavlink")
         self.transport = UdpTransport(0)
         self.vehicle = AutopilotVehicle(self.transport, frame)
