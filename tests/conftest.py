@@ -15,9 +15,11 @@ check_types()
 # One thread: tests compare small batches, where more threads only wait for one another.
 torch.set_num_threads(1)
 
-# A job in the background of a script has Ctrl-C ignored, and all that the tests start would have it so, too.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A job in the background of a script has Ctrl-C ignored, one under nohup the end of its terminal, and so would all that
+# the tests start.
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 AGAIN_S = 60.0
 """The time limit of a test strikes again after so long."""
