@@ -312,7 +312,7 @@ def test_the_spacing_explores_as_often_as_it_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("name", "rollouts", "learning_rate"),
-    [("a2c", 75, 2e-3), ("ppo", 60, 1e-3), ("all-actions", 75, 2e-3), ("counterfactual", 60, 1e-3)],
+    [("a2c", 40, 4e-3), ("ppo", 20, 3e-3), ("all-actions", 40, 3e-3), ("counterfactual", 60, 1e-3)],
 )
 def test_every_objective_learns(tmp_path: Path, name: str, rollouts: int, learning_rate: float) -> None:
     """The target 8 m away and no fading: hardly a chase of the first networks reaches it in 20 movements."""
