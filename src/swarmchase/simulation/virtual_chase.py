@@ -11,7 +11,7 @@ from ..controllers.protocol import Controller
 from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
-from ..live.link.messages import Metres, TrackerMode
+from ..live.link.messages import Metres, TrackerMode, VehicleState
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
@@ -227,15 +227,23 @@ class _Flown:
 
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         self._vehicle = vehicle
-        self.go_to, self.hold = vehicle.go_to, vehicle.hold
+        self.go_to, self.hold, self.said = vehicle.go_to, vehicle.hold, vehicle.said
 
     @property
     def position_m(self) -> Metres:
         return self._vehicle.position_m
 
     @property
+    def position_age_s(self) -> float:
+        return self._vehicle.position_age_s
+
+    @property
     def velocity_mps(self) -> Metres:
         return self._vehicle.velocity_mps
+
+    @property
+    def state(self) -> VehicleState:
+        return self._vehicle.state
 
     @property
     def mode(self) -> TrackerMode:

@@ -9,7 +9,19 @@ from typing import Any
 
 from ...errors import InputError
 from .dialect import mavlink
-from .messages import Heartbeat, Message, Metres, PositionReport, Report, RssiWindow, SetPoint, TrackerMode
+from .messages import (
+    Heartbeat,
+    Message,
+    Metres,
+    Notice,
+    PositionReport,
+    Report,
+    RssiWindow,
+    SetPoint,
+    Severity,
+    TrackerMode,
+    VehicleState,
+)
 from .rejection import Reason, RejectedError
 
 CONTROLLER_SYSTEM = 255
@@ -39,6 +51,14 @@ MODE_FLAGS = {
 }
 _MODE_OF_FLAGS = {flag: mode for mode, flag in MODE_FLAGS.items()}
 _ANY_MODE_FLAG = sum(MODE_FLAGS.values())
+ARMED_FLAG, SIMULATED_FLAG = mavlink.MAV_MODE_FLAG_SAFETY_ARMED, mavlink.MAV_MODE_FLAG_HIL_ENABLED
+AIRBORNE_STATES: dict[bool | None, int] = {
+    None: mavlink.MAV_STATE_UNINIT,
+    False: mavlink.MAV_STATE_STANDBY,
+    True: mavlink.MAV_STATE_ACTIVE,
+}
+"""``system_status`` says whether the vehicle is in the air."""
+_AIRBORNE_OF_STATE = {state: airborne for airborne, state in AIRBORNE_STATES.items()}
 
 _SPAN_MS = 4_294_967_296
 """MAVLink's ``time_boot_ms`` has 32 bits and starts anew after so much, 49.7 days."""
@@ -63,14 +83,9 @@ def to_mavlink(message: Message) -> Any:
                 _time_boot_ms(message.time_ns), *_swap_axes(message.position_m), *_swap_axes(message.velocity_mps)
             )
         case Heartbeat():
-            return mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MODE_FLAGS[message.mode],
-                _time_boot_ms(message.time_ns),
-                mavlink.MAV_STATE_ACTIVE,
-                3,
-            )
+            return _heartbeat_to_mavlink(message)
+        case Notice():
+            return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("ascii"), message.number)
         case SetPoint():
             return _set_point_to_mavlink(message)
 
@@ -87,6 +102,7 @@ class ReportDecoder:
             mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
             mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+            mavlink.MAVLINK_MSG_ID_STATUSTEXT,
         )
     )
 
@@ -103,7 +119,8 @@ class ReportDecoder:
             report = self._report(tracker, fields)
         except InputError as error:
             raise RejectedError(Reason.REFUSED_VALUE) from error
-        self._latest_ms[tracker] = report.time_ns // 10**6
+        if not isinstance(report, Notice):
+            self._latest_ms[tracker] = report.time_ns // 10**6
         return report
 
     def _report(self, tracker: int, fields: Any) -> Report:
@@ -115,12 +132,22 @@ class ReportDecoder:
                 velocity_mps = _swap_axes((fields.vx, fields.vy, fields.vz))
                 return PositionReport(tracker, self._time_ns(tracker, fields.time_boot_ms), position_m, velocity_mps)
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-                mode = _MODE_OF_FLAGS.get(fields.base_mode & _ANY_MODE_FLAG)
-                if mode is None:
-                    raise RejectedError(Reason.REFUSED_VALUE)
-                return Heartbeat(tracker, self._time_ns(tracker, fields.custom_mode), mode)
+                return self._heartbeat(tracker, fields)
+            case mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                return _notice_from_mavlink(tracker, fields)
             case _:
                 raise RejectedError(Reason.UNKNOWN_MESSAGE)
+
+    def _heartbeat(self, tracker: int, fields: Any) -> Heartbeat:
+        mode = _MODE_OF_FLAGS.get(fields.base_mode & _ANY_MODE_FLAG)
+        if mode is None or fields.system_status not in _AIRBORNE_OF_STATE:
+            raise RejectedError(Reason.REFUSED_VALUE)
+        vehicle = VehicleState(
+            is_armed=bool(fields.base_mode & ARMED_FLAG),
+            is_airborne=_AIRBORNE_OF_STATE[fields.system_status],
+            is_simulated=bool(fields.base_mode & SIMULATED_FLAG),
+        )
+        return Heartbeat(tracker, self._time_ns(tracker, fields.custom_mode), mode, vehicle)
 
     def _time_ns(self, tracker: int, time_boot_ms: int) -> int:
         latest_ms = self._latest_ms.get(tracker, 0)
@@ -152,6 +179,31 @@ class SetPointDecoder:
             return SetPoint(tracker, time_ms * 10**6, epoch, _swap_axes((fields.x, fields.y, fields.z)))
         except InputError as error:
             raise RejectedError(Reason.REFUSED_VALUE) from error
+
+
+def _heartbeat_to_mavlink(heartbeat: Heartbeat) -> Any:
+    vehicle = heartbeat.vehicle
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        | MODE_FLAGS[heartbeat.mode]
+        | (ARMED_FLAG if vehicle.is_armed else 0)
+        | (SIMULATED_FLAG if vehicle.is_simulated else 0),
+        _time_boot_ms(heartbeat.time_ns),
+        AIRBORNE_STATES[vehicle.is_airborne],
+        3,
+    )
+
+
+def _notice_from_mavlink(tracker: int, fields: Any) -> Notice:
+    if fields.chunk_seq != 0:
+        raise RejectedError(Reason.WRONG_LAYOUT)
+    try:
+        severity = Severity(fields.severity)
+    except ValueError as error:
+        raise RejectedError(Reason.REFUSED_VALUE) from error
+    return Notice(tracker, fields.id, severity, fields.text)
 
 
 def _rssi_to_mavlink(window: RssiWindow) -> Any:

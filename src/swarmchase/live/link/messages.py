@@ -18,6 +18,9 @@ LOWEST_RSSI_DBM, HIGHEST_RSSI_DBM = -200.0, 50.0
 FARTHEST_M = 100_000.0
 """No tracker is further from the origin than this on any axis."""
 FASTEST_MPS = 200.0
+LONGEST_NOTICE = 49
+"""Characters: MAVLink has room for 50, and with one to spare a reader knows that nothing follows."""
+MOST_NOTICES = 65_535
 SLOWEST_SAMPLING_HZ, FASTEST_SAMPLING_HZ = 0.1, 10_000.0
 
 Metres = tuple[float, float, float]
@@ -82,6 +85,18 @@ class PositionReport:
 
 
 @dataclass(frozen=True)
+class VehicleState:
+    """What a tracker's vehicle is and does, beside its mode."""
+
+    is_armed: bool
+    """Its motors may turn."""
+    is_airborne: bool | None
+    """None where it does not say."""
+    is_simulated: bool
+    """It is computed: nothing can fall on anybody."""
+
+
+@dataclass(frozen=True)
 class Heartbeat:
     """A tracker is alive, and in which mode.
 
@@ -92,10 +107,47 @@ class Heartbeat:
     tracker: int
     time_ns: int
     mode: TrackerMode
+    vehicle: VehicleState
 
     def __post_init__(self) -> None:
         _require_tracker(self.tracker)
         _require_time(self.time_ns)
+
+
+class Severity(IntEnum):
+    """Of a notice, as MAVLink numbers them (MAV_SEVERITY)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+    DEBUG = 7
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A line that a tracker's autopilot, receiver or agent has for people. It is repeated, since lines get lost.
+
+    Raises:
+        InputError: a tracker, number or text that cannot be.
+    """
+
+    tracker: int
+    number: int
+    """Of the notice, counted by the tracker from 1 and after the greatest again: by it repetitions are known."""
+    severity: Severity
+    text: str
+    """Printable ASCII."""
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        if not 1 <= self.number <= MOST_NOTICES:
+            raise InputError(f"number = {self.number} is refused: allowed is 1 to {MOST_NOTICES}")
+        if not (1 <= len(self.text) <= LONGEST_NOTICE and self.text.isascii() and self.text.isprintable()):
+            raise InputError(f"a notice is refused: allowed are 1 to {LONGEST_NOTICE} printable ASCII characters")
 
 
 @dataclass(frozen=True)
@@ -121,7 +173,7 @@ class SetPoint:
         _require_within("position_m", self.position_m, FARTHEST_M)
 
 
-Report = RssiWindow | PositionReport | Heartbeat
+Report = RssiWindow | PositionReport | Heartbeat | Notice
 """What a tracker says."""
 Message = Report | SetPoint
 

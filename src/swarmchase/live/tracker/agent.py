@@ -101,7 +101,7 @@ class TrackerAgent:
         sampling_hz: float,
         settings: AgentSettings | None = None,
     ) -> None:
-        Heartbeat(tracker, 0, TrackerMode.HOLDING)  # refuses what is no tracker
+        SetPoint(tracker, 0, 0, (0.0, 0.0, 0.0))  # refuses what is no tracker
         self.ignored: Counter[str] = Counter()
         self.source_failure: str | None = None
         """Why the receiver is not asked any more."""
@@ -189,11 +189,12 @@ class TrackerAgent:
         position_m = self._vehicle.position_m
         if position_m is not None and self._is_due("position", self._settings.position_hz, now_ns):
             try:
-                self._link.send(PositionReport(self._tracker, now_ns, position_m, self._vehicle.velocity_mps))
+                taken_ns = max(now_ns - round(self._vehicle.position_age_s * 1e9), 0)
+                self._link.send(PositionReport(self._tracker, taken_ns, position_m, self._vehicle.velocity_mps))
             except InputError:
                 self.ignored["impossible position"] += 1
         if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
-            self._link.send(Heartbeat(self._tracker, now_ns, self._mode()))
+            self._link.send(Heartbeat(self._tracker, now_ns, self._mode(), self._vehicle.state))
 
     def _mode(self) -> TrackerMode:
         """A vehicle that returns by itself follows nobody."""

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ....errors import InputError
-from ...link.messages import FARTHEST_M, Metres, TrackerMode
+from ...link.messages import FARTHEST_M, Metres, TrackerMode, VehicleState
 from .firmware import Firmware, GuidedMode
 from .frames import CoordinateFrame, LocalFrame
 from .known_firmware import UNKNOWN, firmware_of
+from .protocol import Said
 from .transports import Transport
 
 SET_POINT_PERIOD_S = 0.1
@@ -104,6 +105,21 @@ class AutopilotVehicle:
         if not beat.armed or beat.failsafe or self._taken_over:
             return TrackerMode.MANUAL
         return TrackerMode.FOLLOWING if self._following and self._confirmed else TrackerMode.HOLDING
+
+    @property
+    def position_age_s(self) -> float:
+        """Since it arrived."""
+        return (self._now_ns - self._position_ns) / 1e9
+
+    @property
+    def state(self) -> VehicleState:
+        """As its last heartbeat says."""
+        beat = self._heartbeat
+        return VehicleState(is_armed=beat is not None and beat.armed, is_airborne=None, is_simulated=False)
+
+    def said(self) -> list[Said]:
+        """Nothing yet."""
+        return []
 
     def go_to(self, position_m: Metres) -> None:
         """Stream this set-point, and ask for the mode if need be."""

@@ -2,7 +2,10 @@
 
 from typing import Protocol, runtime_checkable
 
-from ...link.messages import Metres, TrackerMode
+from ...link.messages import Metres, Severity, TrackerMode, VehicleState
+
+Said = tuple[Severity, str]
+"""A line for people, and how much it matters."""
 
 
 @runtime_checkable
@@ -23,6 +26,17 @@ class Vehicle(Protocol):
     @property
     def mode(self) -> TrackerMode:
         """What it is doing; MANUAL while a pilot or a failsafe has it, or it cannot be commanded for another reason."""
+
+    @property
+    def position_age_s(self) -> float:
+        """How long before the last ``update`` it was there; anything while that is not known."""
+
+    @property
+    def state(self) -> VehicleState:
+        """Beside the mode; not armed while that is not known."""
+
+    def said(self) -> list[Said]:
+        """What it or its autopilot has told people since the last call: bounded, whatever an autopilot sends."""
 
     def go_to(self, position_m: Metres) -> None:
         """Fly there, and stay there, until told otherwise."""

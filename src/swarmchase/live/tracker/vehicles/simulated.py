@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from ....errors import InputError
 from ....ranges import POSITIVE, ranged, require_ranges
-from ...link.messages import Metres, PositionReport, TrackerMode
+from ...link.messages import Metres, PositionReport, TrackerMode, VehicleState
 from .kind import VehicleDetails, VehicleKind
+from .protocol import Said
 
 LONGEST_STEP_S = 0.02
 LONGEST_UPDATE_S = 1.0
@@ -47,6 +48,11 @@ class SimulatedVehicle:
         return self._position_m
 
     @property
+    def position_age_s(self) -> float:
+        """None: it knows where it is."""
+        return 0.0
+
+    @property
     def velocity_mps(self) -> Metres:
         """How fast it is."""
         return self._velocity_mps
@@ -57,6 +63,15 @@ class SimulatedVehicle:
         if self._manual:
             return TrackerMode.MANUAL
         return TrackerMode.HOLDING if self._target_m is None else TrackerMode.FOLLOWING
+
+    @property
+    def state(self) -> VehicleState:
+        """In the air from the beginning."""
+        return VehicleState(is_armed=True, is_airborne=True, is_simulated=True)
+
+    def said(self) -> list[Said]:
+        """Nothing."""
+        return []
 
     def go_to(self, position_m: Metres) -> None:
         """Fly there."""
