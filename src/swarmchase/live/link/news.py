@@ -3,29 +3,13 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
 
-from .rejection import Reason, Rejections, Tally
+from .mavlink import ControllerMavlinkLink, TrackerMavlinkLink
+from .rejection import Reason, Tally
 from .timestamps import FRESH_S
 
 TOLD_AGAIN_S = 60.0
 """So long after it was told, what goes on is told again."""
-
-
-class LinkEnd(Protocol):
-    """What there is to tell of an end."""
-
-    @property
-    def rejections(self) -> Rejections:
-        """What it has dropped."""
-
-    @property
-    def skew_s(self) -> dict[str, float]:
-        """By sender: how much its clock is ahead."""
-
-    @property
-    def state_errors(self) -> int:
-        """How often the state file could not be written."""
 
 
 class LinkNews:
@@ -35,7 +19,9 @@ class LinkNews:
         now_s: any clock that nobody steps.
     """
 
-    def __init__(self, end: LinkEnd, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, end: ControllerMavlinkLink | TrackerMavlinkLink, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
         self._end, self._now_s = end, now_s
         self._told_s: dict[object, float] = {}
         self._told_count: Counter[object] = Counter()

@@ -1,7 +1,8 @@
 """The timestamps of signatures: they only ever rise, also over restarts, so that no recorded packet counts twice; and
 they are of now, so that no packet counts that somebody has held back.
 
-Sent: real time, or one more than the last, whichever is greater. Accepted of each sender: only what is
+Sent: real time, or one more than the last, whichever is greater, as long as anybody accepts that. Accepted of each
+sender: only what is
 
 - newer than the newest accepted so far. It is written to the state file at once, so that it outlives the process
   (kill -9 included; after a power cut it may lack what the system had not written yet, some seconds);
@@ -75,7 +76,10 @@ class Timestamps:
 
     def next_to_send(self) -> int:
         """The timestamp of the next packet."""
-        self._sent = min(max(self._sent + 1, self._now()), LARGEST)
+        now = self._now()
+        # What was signed while the clock was further ahead nobody has accepted.
+        was_ahead = _seconds(self._sent - now) > MOST_AHEAD_S
+        self._sent = min(now if was_ahead else max(self._sent + 1, now), LARGEST)
         if self._state:
             self._state.write(SENT, self._sent)
         return self._sent
