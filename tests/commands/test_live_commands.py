@@ -410,7 +410,7 @@ def test_keys_are_written_once_and_for_their_owner(tmp_path: Path, capsys: pytes
 def test_a_clock_behind_what_was_signed_last_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each end's own file: an hour ahead, it has signed one packet. A reset cures it, and the next refusal is another."""
+    """Each end's own file: an hour ahead, it has signed one packet. After a reset the next refusal is another."""
     serve = f"serve --controller gradient --unsigned --listen 127.0.0.1:0 --page nowhere --state-folder {tmp_path}"
     tracker = f"tracker --number 3 --unsigned --source udp:0 --vehicle balloon --state-folder {tmp_path}"
     for words, sender, file, heard in (
@@ -422,8 +422,8 @@ def test_a_clock_behind_what_was_signed_last_is_refused_in_one_line(
         ) as an_hour_ahead:
             an_hour_ahead.next_to_send()
         assert re.match(
-            r"this machine's clock is 3\d{3}\.\d s behind what this end has signed last: set it; if it is right now and "
-            r"was ahead then, swarmchase keys reset forgets that \(docs/link\.md\)$",
+            r"this machine's clock is 3\d{3}\.\d s behind what this end has signed last: set it; if it is right now "
+            r"and was ahead then, swarmchase keys reset forgets that \(docs/link\.md\)$",
             refusal(words, capsys),
         )
         main(["keys", "reset", sender, "--state-folder", str(tmp_path)])

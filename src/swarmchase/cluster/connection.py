@@ -168,8 +168,8 @@ def connected(address: str, local_cpus: int, tell: Tell = lambda _line: None) ->
 
 @contextlib.contextmanager
 def _on_loopback() -> Iterator[None]:
-    """Ray binds to all interfaces, also where it is told 127.0.0.1 (``_node_ip_address``), unless it takes it that there
-    are no clusters of several machines: as on macOS and Windows, and inside this block.
+    """Ray binds to all interfaces, also where ``_node_ip_address`` is 127.0.0.1, unless it believes that there are no
+    clusters of several machines: as on macOS and Windows, and inside this block.
     """
     from ray._private import ray_constants
 
