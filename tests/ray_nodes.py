@@ -92,7 +92,8 @@ def listening_addresses(root: int) -> set[str]:
             if state == "0A" and f"socket:[{inode}]" in sockets:
                 raw = bytes.fromhex(address.partition(":")[0])
                 words = b"".join(raw[place : place + 4][::-1] for place in range(0, len(raw), 4))
-                found.add(str(ipaddress.ip_address(words)))
+                one = ipaddress.ip_address(words)
+                found.add(str(getattr(one, "ipv4_mapped", None) or one))
     return found
 
 

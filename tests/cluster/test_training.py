@@ -94,8 +94,7 @@ def test_ctrl_c_stops_the_command_and_its_cluster_cleanly(tmp_path: Path) -> Non
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, standard_error
-    assert addresses <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}
-    assert len(addresses) > 0
+    assert addresses == {"127.0.0.1"}
     assert "no token" not in standard_error
     assert "Training interrupted" in standard_error
     assert "Traceback" not in standard_error

@@ -1,6 +1,8 @@
 """examples/pymavlink_tracker.py follows docs/link.md and knows nothing of the package; the real service commands it."""
 
 import re
+import runpy
+import select
 import subprocess
 import sys
 import time
@@ -19,7 +21,7 @@ from swarmchase import load_controller
 from swarmchase.live.clock import MonotonicClock
 from swarmchase.live.link.keys import new_keys, write_keys
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
-from swarmchase.live.link.messages import TrackerMode
+from swarmchase.live.link.messages import SetPoint, TrackerMode
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.service import ControllerService
 from swarmchase.scenario import paper_scenario
@@ -86,6 +88,50 @@ def test_it_obeys_and_outlives_the_service(swarm: tuple[ControllerMavlinkLink, P
         assert service.snapshot().movements == 1
         assert set(link.rejected) <= {"too old", "overflow"}  # what was under way at the start
         assert {round(abs(skew_s)) for skew_s in link.skew_s.values()} == {0}
+
+
+class Example:
+    """One tracker of the example in this process, at a controller whose clock is put anywhere."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("MAVLINK20", "1")
+        self.ahead_s = 0.0
+        clocks: Any = dict.fromkeys(("wall_time_ns", "monotonic_ns"), self._real_time_ns)
+        self.link = ControllerMavlinkLink("127.0.0.1", 0, KEYS, **clocks)
+        kind: Any = runpy.run_path(str(SCRIPT))["Tracker"]
+        address = f"127.0.0.1:{self.link.address[1]}"
+        self.tracker = kind(2, KEYS[2], address, (0.0, 0.0, 20.0), -60.0, 50.0)
+
+    def _real_time_ns(self) -> int:
+        return time.time_ns() + round(self.ahead_s * 1e9)
+
+    def obeys(self, ahead_s: float, east_m: float, key: bytes | None = None) -> bool:
+        """Whether it takes a set-point that is signed so long ahead, here with another key than its own."""
+        self.tracker.report()
+        while not self.link.receive():
+            self.link.wait(0.05)
+        self.ahead_s = ahead_s
+        if key is not None:
+            self.link._keys = {**self.link._keys, 2: key}
+        self.link.send(SetPoint(2, 10**9, 1, (east_m, 0.0, 20.0)))
+        self.link._keys, self.ahead_s = KEYS, 0.0
+        assert select.select([self.tracker.link.port], [], [], PATIENCE_S)[0]
+        self.tracker.listen()
+        return bool(self.tracker.goal == (east_m, 0.0, 20.0))
+
+    def close(self) -> None:
+        self.tracker.link.close()
+        self.link.close()
+
+
+def test_it_neither_takes_what_is_old_nor_is_silenced_by_a_forgery(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(Example(monkeypatch)) as example:
+        assert example.obeys(0.0, 1.0)
+        assert not example.obeys(1000.0, 2.0, key=bytes(range(32)))
+        assert example.obeys(0.0, 3.0)
+    with closing(Example(monkeypatch)) as example:
+        assert not example.obeys(-3.0, 1.0)
+        assert not example.obeys(61.0, 2.0)
 
 
 def test_it_uses_nothing_of_the_package() -> None:

@@ -521,6 +521,20 @@ def test_of_one_address_so_many_and_the_others_keep_theirs() -> None:
             assert connection.recv(12) == b"HTTP/1.1 200"
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "is_same"),
+    [
+        ("192.0.2.1", "192.0.2.2", False),
+        ("2001:db8::1", "2001:db8::ffff:2", True),  # one machine may choose the last 64 bits
+        ("2001:db8:0:1::1", "2001:db8:0:2::1", False),
+        ("::ffff:192.0.2.1", "::ffff:192.0.2.2", False),  # IPv4 as a socket for both has it
+        ("fe80::1%eth0", "fe80::2%eth0", True),
+    ],
+)
+def test_whose_connections_are_counted_together(one: str, other: str, is_same: bool) -> None:
+    assert (page_connection.sender_of((one, 1)) == page_connection.sender_of((other, 2))) is is_same
+
+
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nhost: 127", b"\r\n"])
 def test_who_asks_for_nothing_is_hung_up_on(said: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_connection, "REQUEST_S", 0.2)

@@ -36,7 +36,7 @@ class PageConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """It has been taken; another one may have to go."""
         super().connection_made(transport)
-        self.sender = _sender(self.client)
+        self.sender = sender_of(self.client)
         self._timers = [
             self.loop.call_later(REQUEST_S, self._require_request),
             self.loop.call_later(LONGEST_S, transport.abort),
@@ -74,8 +74,8 @@ class PageConnection(H11Protocol):
             timer.cancel()
 
 
-def _sender(client: tuple[str, int] | None) -> str:
-    """Of a client's address."""
+def sender_of(client: tuple[str, int] | None) -> str:
+    """What its connections are counted under, of a client's host and port."""
     if client is None:
         return ""
     address = ipaddress.ip_address(client[0].partition("%")[0])
