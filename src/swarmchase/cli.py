@@ -29,7 +29,7 @@ from .commands.benchmark import (
 from .commands.chase import ChaseCommand
 from .commands.compare import CompareCommand
 from .commands.evaluate import EvaluateCommand
-from .commands.keys import KeysCommand
+from .commands.keys import KeysCommand, KeysRenewCommand, KeysResetCommand, KeysRevokeCommand
 from .commands.live import LiveCommand
 from .commands.replay import ReplayCommand
 from .commands.reproduce import ReproduceCommand
@@ -67,13 +67,17 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark live": BenchmarkLiveCommand,
     "benchmark soak": BenchmarkSoakCommand,
     "keys": KeysCommand,
+    "keys make": KeysCommand,
+    "keys renew": KeysRenewCommand,
+    "keys revoke": KeysRevokeCommand,
+    "keys reset": KeysResetCommand,
     "live": LiveCommand,
     "serve": ServeCommand,
     "replay": ReplayCommand,
     "tracker": TrackerCommand,
 }
 
-WITHOUT_TORCH = (KeysCommand, TrackerCommand)
+WITHOUT_TORCH = (KeysCommand, KeysRenewCommand, KeysRevokeCommand, KeysResetCommand, TrackerCommand)
 """A tracker's computer is small."""
 
 

@@ -27,7 +27,7 @@ from swarmchase.formation import Action
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.frame import Frame
 from swarmchase.live.link.codec import TRACKER_COMPONENT, system_of
-from swarmchase.live.link.mavlink import ControllerMavlinkLink
+from swarmchase.live.link.mavlink import MOST_OF_ONE_SENDER, ControllerMavlinkLink
 from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.link.packet import PacketWriter
 from swarmchase.live.link.timestamps import Timestamps
@@ -403,6 +403,39 @@ def test_set_points_that_were_under_way_for_more_than_a_second_are_not_obeyed() 
     # which counts as nothing, so at 5.025 s that of 4 s is a second old, but for what clocks may have drifted since.
     assert agent.ignored["too long under way"] == 11
     assert len(goals_m) == 32 - 11
+    assert flight.run().reached
+
+
+@pytest.mark.parametrize("held_s", [2.5, 30.0])
+def test_of_what_is_held_back_from_the_start_nothing_is_decided(held_s: float) -> None:
+    """Row "withheld data counts as fresh": every datagram of every tracker comes, in order, so many seconds late."""
+    flight = Flight(f"delay={held_s}")
+    flight.run_to(held_s + 10.0)
+    assert flight.state is CONNECTING
+    assert not flight.decisions()
+    assert flight.modes() == [TrackerMode.HOLDING] * 6
+    assert flight.chase.link.rejected.keys() == {"too old"}
+    skews_s = flight.chase.link.rejections.skew_s()["too old"]
+    assert skews_s == {f"tracker {number}": pytest.approx(-held_s, abs=STEP_S) for number in range(6)}
+
+
+def test_what_a_path_holds_back_in_flight_stops_the_swarm_and_it_goes_on_afterwards(undisturbed: Flight) -> None:
+    """Row "withheld data counts as fresh": for five seconds nothing comes, then its older half."""
+    flight = Flight()
+    flight.run_to(6.0)
+    network, late = flight.chase.network, []
+    put = network.controller.put
+    network.controller.put = lambda *datagram: late.append(datagram)  # type: ignore[method-assign]
+    flight.run_to(11.0)
+    assert flight.state is HOLDING
+    network.controller.put = put  # type: ignore[method-assign]
+    held_m = flight.chase.site.positions_m()
+    for datagram in late[: len(late) // 2]:
+        network.controller.put(*datagram)
+    flight.chase.tick()
+    assert 100 < flight.chase.link.rejected["too old"] <= 6 * MOST_OF_ONE_SENDER
+    assert flight.state is HOLDING
+    assert flight.chase.site.positions_m() == held_m
     assert flight.run().reached
 
 
@@ -839,7 +872,7 @@ def test_of_two_controllers_trackers_obey_the_newer(undisturbed: Flight) -> None
 
     udp = VirtualSocket(to_tracker, 99)
     clock = flight.chase.clock
-    link = ControllerMavlinkLink(*CONTROLLER, KEYS, wall_time_ns=clock.now_ns, udp=udp)
+    link = ControllerMavlinkLink(*CONTROLLER, KEYS, wall_time_ns=clock.now_ns, monotonic_ns=clock.now_ns, udp=udp)
     older = ControllerService(
         flight.scenario, load_controller("random", flight.scenario), link, clock, SafetyLimits(), lambda _: None, 6
     )

@@ -47,6 +47,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         from ..live.address import host_and_port
         from ..live.audience import AudienceOptions
         from ..live.link.mavlink import ControllerMavlinkLink
+        from ..live.link.state_file import CONTROLLER_FILE
         from ..live.service.operator_words import OperatorWords
         from ..live.service.state_folder import next_epoch
         from ..live.session import Assignment, Session
@@ -60,7 +61,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         folder = self.folder()
         with line_printer() as tell, stop_request() as request:
             # The state file keeps a second service of this folder out; so nobody else takes the same epoch.
-            state_path = folder / "controller.timestamps"
+            state_path = folder / CONTROLLER_FILE
             link = ControllerMavlinkLink(host, port, keys, state_path=state_path, unsigned=self.unsigned)
             with contextlib.closing(link):
                 epoch = next_epoch(folder / "controller.epoch")

@@ -32,6 +32,11 @@ def print_json(document: Any) -> None:
         raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
 
 
+def warn(line: str) -> None:
+    """Tell people what they should know, and go on."""
+    CONSOLE.print(line, style="yellow", markup=False, soft_wrap=True)
+
+
 @contextlib.contextmanager
 def line_printer() -> Iterator[Callable[[str], None]]:
     """Gives a function that prints a line on standard error and never waits: a terminal that is stopped (Ctrl-S) or

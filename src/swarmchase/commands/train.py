@@ -10,7 +10,7 @@ from typing import Any, Literal
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import CONSOLE, print_json, progress_bar, warn
 
 Schedule = Literal["processes", "deterministic"]
 Precision = Literal["float32", "bfloat16"]
@@ -128,9 +128,7 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
             else:
                 from ..cluster.training import train_on_cluster
 
-                result = train_on_cluster(
-                    scenario, settings, self.folder, self.cluster, self.resume, progress, _say_fault
-                )
+                result = train_on_cluster(scenario, settings, self.folder, self.cluster, self.resume, progress, warn)
         self.report(result)
         if self.cluster is not None:
             self.draw_staleness()
@@ -206,10 +204,6 @@ def _progress(max_updates: int) -> "Iterator[Callable[[Any], None]]":
             show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
 
         yield progress
-
-
-def _say_fault(what: str) -> None:
-    CONSOLE.print(what, style="yellow", markup=False, soft_wrap=True)
 
 
 def _rate(environment_steps: int, seconds: float) -> str:

@@ -17,6 +17,7 @@ from ..live.address import LOOPBACK
 from ..live.link.keys import new_keys, write_keys
 from ..live.link.mavlink import ControllerMavlinkLink
 from ..live.link.messages import Metres
+from ..live.link.state_file import CONTROLLER_FILE
 from ..live.service.chase_state import ChaseState, Snapshot
 from ..live.service.loop import ServeSummary, Tell, Words
 from ..live.service.state_folder import next_epoch
@@ -143,7 +144,7 @@ def run_live_chase(
         for tracker, key in keys.items():
             write_keys(folder / f"tracker-{tracker}.keys", {tracker: key})
         epoch = next_epoch(folder / "controller.epoch")
-        link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / "controller.timestamps")
+        link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / CONTROLLER_FILE)
         stage: StageProcess | None = None
         session: Session | None = None
         try:

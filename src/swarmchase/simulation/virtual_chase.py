@@ -194,15 +194,26 @@ class VirtualChase:
             agent.step()
 
     def _agent(self, tracker: int) -> TrackerAgent:
-        wall_time_ns, udp = self.tracker_wall_clocks[tracker].now_ns, self.network.trackers[tracker]
-        link = TrackerMavlinkLink(tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=wall_time_ns, udp=udp)
+        link = TrackerMavlinkLink(
+            tracker,
+            *CONTROLLER,
+            KEYS[tracker],
+            wall_time_ns=self.tracker_wall_clocks[tracker].now_ns,
+            monotonic_ns=self.tracker_clocks[tracker].now_ns,
+            udp=self.network.trackers[tracker],
+        )
         vehicle, receiver = _Flown(self.site.vehicles[tracker]), self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
         return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
 
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
-        udp = self.network.controller
-        link = ControllerMavlinkLink(*CONTROLLER, KEYS, wall_time_ns=self.wall_clock.now_ns, udp=udp)
+        link = ControllerMavlinkLink(
+            *CONTROLLER,
+            KEYS,
+            wall_time_ns=self.wall_clock.now_ns,
+            monotonic_ns=self.clock.now_ns,
+            udp=self.network.controller,
+        )
         service = ControllerService(
             self._scenario,
             self._controller,

@@ -10,8 +10,8 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from importlib.resources import files
 from typing import Any
 
@@ -26,6 +26,8 @@ from websockets.sync.client import ClientConnection, connect
 from page_frames import INFO, made_up_frame
 from page_publisher import Publisher
 from swarmchase.errors import InputError
+from swarmchase.live.page import connection as page_connection
+from swarmchase.live.page.connection import MOST_OF_ONE_ADDRESS, PageConnection
 from swarmchase.live.page.feed import MOST_WORDS, WORDS, Feed
 from swarmchase.live.page.history import History, pack, unpack
 from swarmchase.live.page.server import MOST_BROWSERS, PageServer
@@ -350,6 +352,41 @@ def test_other_machines_need_a_token() -> None:
         assert get(server, "/?token=secret")[0] == 200
 
 
+def test_the_machines_own_names_are_served_where_other_machines_come_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "Control-Room.example.org")
+    feed = Feed(INFO, is_live=True)
+    with served(feed, "secret", "0.0.0.0") as server:
+        assert server.url.startswith("http://Control-Room.example.org:")
+        for name in ("control-room", "control-room.local", "CONTROL-ROOM.example.org", "192.0.2.7"):
+            assert get(server, "/?token=secret", host=f"{name}:{port_of(server)}")[0] == 200, name
+        for name in ("other.local", "control-room.example.com", "control-room.local.example.org"):
+            assert get(server, "/?token=secret", host=f"{name}:{port_of(server)}")[0] == 403, name
+    with served(feed) as server:
+        assert get(server, host=f"control-room.local:{port_of(server)}")[0] == 403
+
+
+def test_who_is_refused_reads_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "control-room")
+    with served(Feed(INFO, is_live=True), "secret", "0.0.0.0") as server:
+        address = f"http://control-room:{port_of(server)}/"
+        for path, host, why in [
+            ("/", "control-room", "the token is missing or wrong"),
+            ("/?token=secret", "example.org", "not served under that Host"),
+        ]:
+            status, headers, body = get(server, path, host=f"{host}:{port_of(server)}")
+            text = body.decode()
+            assert (status, headers["content-type"]) == (403, "text/plain; charset=utf-8")
+            assert headers["x-content-type-options"] == "nosniff"
+            assert why in text.splitlines()[0]
+            for advice in (f"Open {address} itself", "control-room.local", "?token=...", "The page is at"):
+                assert advice in text
+            assert "secret" not in text
+    with served(Feed(INFO, is_live=True)) as server:
+        text = get(server, host="example.org")[2].decode()
+        assert f"Open http://127.0.0.1:{port_of(server)}/ itself" in text
+        assert "token" not in text
+
+
 def test_addresses_that_cannot_be_had() -> None:
     feed = Feed(INFO, is_live=True)
     with served(feed) as server, pytest.raises(InputError, match="cannot serve a page on"):
@@ -431,6 +468,95 @@ def test_a_browser_that_never_reads_costs_nothing() -> None:
         assert most_bytes < 4 * len(newest.text)
         with spoken_to(server) as client:
             assert received(client, "frame")["frame"]["time_s"] == published
+
+
+@contextmanager
+def silent_connections(server: PageServer, sources: Sequence[str], each: int) -> Iterator[list[socket.socket]]:
+    """From so many of this machine's loopback addresses; the oldest first."""
+    with ExitStack() as opened:
+        yield [
+            opened.enter_context(
+                socket.create_connection(("127.0.0.1", port_of(server)), source_address=(source, 0), timeout=60)
+            )
+            for _ in range(each)
+            for source in sources
+        ]
+
+
+def is_ended(connection: socket.socket) -> bool:
+    """Whether it ends, with or without a word; fails where nothing happens for a minute."""
+    try:
+        while connection.recv(1000):
+            pass
+    except ConnectionResetError:
+        pass
+    return True
+
+
+@pytest.mark.parametrize("sources", [["127.0.0.1"], ["127.0.0.2"], [f"127.0.1.{number}" for number in range(10)]])
+def test_silent_connections_keep_nobody_out(sources: list[str]) -> None:
+    """Three hundred of them. Who is there stays, who comes is served, and the oldest silent ones have gone."""
+    feed = Feed(INFO, is_live=True)
+    feed.publish(made_up_frame(1.0))
+    with served(feed) as server, spoken_to(server) as client:
+        received(client, "frame")
+        with silent_connections(server, sources, 300 // len(sources)) as silent:
+            assert all(is_ended(connection) for connection in silent[:190])
+            assert get(server)[0] == 200
+            with spoken_to(server) as newcomer:
+                received(newcomer, "frame")
+            feed.publish(made_up_frame(2.0))
+            assert received(client, "frame")["frame"] == made_up_frame(2.0)
+
+
+def test_of_one_address_so_many_and_the_others_keep_theirs() -> None:
+    with (
+        served(Feed(INFO, is_live=True)) as server,
+        silent_connections(server, ["127.0.0.2"], 5) as few,
+        silent_connections(server, ["127.0.0.3"], MOST_OF_ONE_ADDRESS + 20) as many,
+    ):
+        assert all(is_ended(connection) for connection in many[:20])
+        for connection in (*few, *many[20:]):
+            connection.sendall(b"GET / HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n")
+            assert connection.recv(12) == b"HTTP/1.1 200"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_same"),
+    [
+        ("192.0.2.1", "192.0.2.2", False),
+        ("2001:db8::1", "2001:db8::ffff:2", True),  # one machine may choose the last 64 bits
+        ("2001:db8:0:1::1", "2001:db8:0:2::1", False),
+        ("::ffff:192.0.2.1", "::ffff:192.0.2.2", False),  # IPv4 as a socket for both has it
+        ("fe80::1%eth0", "fe80::2%eth0", True),
+    ],
+)
+def test_whose_connections_are_counted_together(one: str, other: str, is_same: bool) -> None:
+    assert (page_connection.sender_of((one, 1)) == page_connection.sender_of((other, 2))) is is_same
+
+
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nhost: 127", b"\r\n"])
+def test_who_asks_for_nothing_is_hung_up_on(said: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_connection, "REQUEST_S", 0.2)
+    with served(Feed(INFO, is_live=True)) as server, silent_connections(server, ["127.0.0.1"], 1) as (connection,):
+        connection.sendall(said)
+        assert is_ended(connection)
+
+
+def test_who_does_not_read_a_file_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It asks for more than the network between them holds, and a WebSocket outlives the same time."""
+    monkeypatch.setattr(page_connection, "LONGEST_S", 0.5)
+    feed = Feed(INFO, is_live=True)
+    with served(feed) as server, spoken_to(server) as client, socket.socket() as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.connect(("127.0.0.1", port_of(server)))
+        deaf.sendall(b"GET /static/vendor/three.core.min.js HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n" * 30)
+        connections = server._server.server_state.connections
+        until(lambda: any(isinstance(one, PageConnection) for one in connections))
+        until(lambda: not any(isinstance(one, PageConnection) for one in connections))
+        received(client, "info")
+        client.send('{"word": "hold"}')
+        assert until(feed.words) == ["hold"]
 
 
 def test_it_closes_in_any_state() -> None:
@@ -599,6 +725,20 @@ def assert_it_is_drawn(window: Window) -> None:
         for hue in (143, 24, 112, 182):  # of 255: blue, orange, green, violet
             close = (abs(hues - hue) <= 6) & (saturations > 90) & (values > 110)
             assert close.sum() >= least_pixels, f"{part}: hue {hue}"
+
+
+def test_the_token_leaves_the_address_bar_and_the_page_goes_on(chromium: Any) -> None:
+    with live_chase("the token", time_s=9.0) as (server, publisher):
+        assert "?token=the%20token" in server.url
+        with opened(chromium, server) as window:
+            window.shows("body", data_connection="live")
+            assert window.page.url == f"http://127.0.0.1:{port_of(server)}/"
+            assert "token" not in window.page.evaluate("document.documentElement.outerHTML + history.state")
+            window.page.reload()  # its cookie opens it now
+            window.shows("body", data_connection="live")
+            window.page.wait_for_timeout(500)
+            window.page.locator("#hold").click()
+            until(lambda: publisher.heard == ["hold"])
 
 
 def test_old_data_are_greyed(chromium: Any) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ...evaluation.statistics import nearest_rank_percentile
 from ..link.mavlink import ControllerMavlinkLink
+from ..link.news import LinkNews
 from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
@@ -67,6 +68,8 @@ class ServeSummary:
     """Since the loop began."""
     rejected: dict[str, int]
     """Datagrams that the link dropped, by reason."""
+    rejected_skew_s: dict[str, dict[str, float]]
+    """Where the reason was their time, by reason and sender: see ``RejectedError``, of the newest."""
     decision_latency_p50_ms: float | None
     """See ``ServeLoop.step``; None without a decision."""
     decision_latency_p99_ms: float | None
@@ -106,8 +109,7 @@ class ServeLoop:
         self._quits = False
         self._ended_s: float | None = None
         self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
-        self._told_rejections: set[str] = set()
-        self._told_state_errors = False
+        self._link_news = LinkNews(link)
 
     def run(self) -> ServeSummary:
         """Until the end of the chase, and so long after it that trackers have heard of it."""
@@ -123,7 +125,8 @@ class ServeLoop:
             snapshot = self._service.snapshot()
             for watch in self._watchers:
                 watch(snapshot, latency_s)
-            self._tell_troubles()
+            for line in self._link_news.lines():
+                self._tell(line)
             self._listen_until_next(ticker)
         snapshot = self._service.snapshot()
         return ServeSummary(
@@ -132,6 +135,7 @@ class ServeLoop:
             movements=snapshot.movements,
             seconds=round(time.monotonic() - began_s, 3),
             rejected={str(reason): count for reason, count in sorted(self._link.rejected.items())},
+            rejected_skew_s=self._link.rejections.skew_s(),
             decision_latency_p50_ms=percentile_ms(self._latency_s, 50),
             decision_latency_p99_ms=percentile_ms(self._latency_s, 99),
         )
@@ -181,15 +185,6 @@ class ServeLoop:
         now_s = time.monotonic()
         self._ended_s = now_s if self._ended_s is None else self._ended_s
         return now_s - self._ended_s >= TOLD_S
-
-    def _tell_troubles(self) -> None:
-        """Each once: who waits for a tracker wants to know that it is turned away."""
-        if self._link.state_errors and not self._told_state_errors:
-            self._told_state_errors = True
-            self._tell("the link's timestamps cannot be written: after a restart, recorded packets could be accepted")
-        for reason in self._link.rejected.keys() - self._told_rejections:
-            self._told_rejections.add(reason)
-            self._tell(f"rejected a datagram: {reason} (told once, counted always)")
 
 
 def percentile_ms(seconds: Collection[float], percent: int) -> float | None:

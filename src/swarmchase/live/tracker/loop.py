@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..link.mavlink import TrackerMavlinkLink
 from ..link.messages import Metres, TrackerMode
+from ..link.news import LinkNews
 from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .agent import TrackerAgent
@@ -34,6 +35,8 @@ class TrackerSummary:
     """What the agent heard and did not obey, by reason."""
     rejected: dict[str, int]
     """Datagrams that the link dropped, by reason."""
+    rejected_skew_s: dict[str, dict[str, float]]
+    """Where the reason was their time, by reason and sender: see ``RejectedError``, of the newest."""
     source_rejected: dict[str, int]
     """Records that were no samples, by reason."""
 
@@ -49,12 +52,13 @@ def run_tracker(
 ) -> TrackerSummary:
     """Step until the request is made; then, and whatever happens, the vehicle is told to hold.
 
-    ``tell`` is given a line when the vehicle's mode changes, and when the source fails.
+    ``tell`` is given a line when the vehicle's mode changes, when the source fails, and of what the link drops.
     """
     began_s = time.monotonic()
     ticker = Ticker(STEPS_HZ)
     mode: TrackerMode | None = None
     has_told_failure = False
+    link_news = LinkNews(link)
     try:
         while not request.made:
             agent.step()
@@ -64,6 +68,8 @@ def run_tracker(
             if vehicle.mode is not mode:
                 mode = vehicle.mode
                 tell(f"tracker {tracker} {_DOES[mode]}, at {_shown(vehicle.position_m)}")
+            for line in link_news.lines():
+                tell(f"tracker {tracker} {line}")
             ticker.wait()
     finally:
         agent.close()
@@ -74,6 +80,7 @@ def run_tracker(
         seconds=round(time.monotonic() - began_s, 3),
         ignored=_counts(agent.ignored),
         rejected=_counts(link.rejected),
+        rejected_skew_s=link.rejections.skew_s(),
         # Not every source can be given something to reject.
         source_rejected=_counts(getattr(source, "rejected", {})),
     )

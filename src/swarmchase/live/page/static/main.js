@@ -10,6 +10,9 @@ import { Timeline } from "./timeline.js";
 import { Traces } from "./traces.js";
 import { TrackerTable } from "./trackers.js";
 
+// The token has become a cookie: it must not stay where it is seen, copied and remembered.
+if (location.search) history.replaceState(null, "", location.pathname);
+
 const AGES_MS = 200;
 const $ = (id) => document.getElementById(id);
 
