@@ -81,6 +81,8 @@ class TrackerSnapshot:
     """Of its last window."""
     rssi_dbm: tuple[float, ...]
     """Its last window, oldest first; NaN where nothing valid came."""
+    left_out: str = ""
+    """Why it is left out; empty where it counts."""
 
 
 @dataclass(frozen=True)

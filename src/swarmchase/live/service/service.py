@@ -99,12 +99,16 @@ class ControllerService:
             self._hold("the operator holds")
 
     def resume(self) -> None:
-        """Go on after ``hold``, or after the target was taken for reached and is not."""
+        """Go on after ``hold``, or after the target was taken for reached and is not. After holding, trackers that were
+        left out count again if they are where they were last told to be.
+        """
         if self.state is ChaseState.REACHED:
             self._judge.forget()
             self._go(ChaseState.HOLDING, "the operator says that it is not reached")
-        elif self._operator_holds and self.state is ChaseState.HOLDING:
-            self._go(ChaseState.HOLDING, "the operator resumes")
+        elif self.state is ChaseState.HOLDING:
+            self._swarm.forgive()
+            if self._operator_holds:
+                self._go(ChaseState.HOLDING, "the operator resumes")
         self._operator_holds = False
 
     def declare_reached(self) -> None:
@@ -150,15 +154,18 @@ class ControllerService:
             self._try_to_resume()
 
     def _connect(self) -> None:
-        """Begin with all six, or after a while with enough of them."""
-        if not self._has_enough():
+        """Begin with all six, or after a while with enough of them that agree on where the formation is."""
+        if self._swarm.there().sum() < self._settings.minimum_trackers:
             self._entered_ns = self._now_ns
             return
-        number = len(self._swarm.usable())
-        if number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s:
-            center_m, spacing_m = self._swarm.center_and_spacing_m()
-            self._origin_m = center_m
-            self._pace.stand(Move(center_m, spacing_m, (), ""), self._now_ns)
+        estimate = self._swarm.formation_estimate()
+        number = int(estimate.agrees.sum())
+        if number < NUM_TRACKERS and self._seconds_in_state() < self._settings.connect_wait_s:
+            return
+        self._swarm.begin_with(estimate)
+        if number >= self._settings.minimum_trackers:
+            self._origin_m = estimate.center_m
+            self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
             self._go(ChaseState.SAMPLING, f"{number} trackers are there")
 
     def _sample(self) -> None:

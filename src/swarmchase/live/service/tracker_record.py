@@ -15,6 +15,8 @@ SILENT_SAMPLES = 3
 """Where sampling is slow, it is silent only after so many missing samples."""
 LOST_S = 1.0
 """A tracker without a position for so long is lost."""
+CAME_S = 2.0
+"""Who has been in its place within so long has come to it, though it swings or its receiver of positions is noisy."""
 LATEST_NS = 2**62
 """No clock is later than 146 years after its start; what is dated later is dropped."""
 MOST_POSITIONS = 1000
@@ -105,6 +107,13 @@ class TrackerRecord:
                     break
                 since_ns = arrived_ns
         return since_ns
+
+    def came_to(self, at_m: Point, tolerance_m: float) -> bool:
+        """Whether it has reported to be there at any moment of the last ``CAME_S``."""
+        if not self._position_ns:
+            return False
+        recent = bisect.bisect_left(self._position_ns, self._position_ns[-1] - round(CAME_S * 1e9))
+        return bool((np.linalg.norm(np.array(self._position_m[recent:]) - at_m, axis=1) <= tolerance_m).any())
 
     def first_valid_ns(self, since_ns: int) -> int | None:
         """When the first valid sample from this moment on was taken; None before there is one."""
