@@ -135,7 +135,8 @@ class ControllerService:
         self.listen()
         elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
         if self.state is not ChaseState.IDLE:
-            self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
+            # Until it is known who contradicts the others nobody is told anything: who has another frame would fly off.
+            self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
         self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
         self._speak()
@@ -160,11 +161,11 @@ class ControllerService:
             return
         estimate = self._swarm.formation_estimate()
         number = int(estimate.agrees.sum())
-        if number < NUM_TRACKERS and self._seconds_in_state() < self._settings.connect_wait_s:
-            return
         self._swarm.begin_with(estimate)
-        if number >= self._settings.minimum_trackers:
+        has_waited = number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s
+        if has_waited and number >= self._settings.minimum_trackers:
             self._origin_m = estimate.center_m
+            self._swarm.take_stock(may_join=True)
             self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
             self._go(ChaseState.SAMPLING, f"{number} trackers are there")
 
