@@ -35,13 +35,8 @@ SETTINGS: dict[str, str] = {
     "two: 29.9 m off, +20 dBm": "offset={0}@0,loud={1}@0",
     "two: never move": "stays={0}@0,stays={1}@0",
     "two: -200 dBm": "deaf={0}@0,deaf={1}@0",
-    "two silent": "silent={1}@0,silent={2}@0",
-    "two silent, one 29.9 m off": "offset={0}@0,silent={1}@0,silent={2}@0",
-    "two silent, one +20 dBm": "loud={0}@0,silent={1}@0,silent={2}@0",
 }
-"""What is wrong, in the words of ``fault_plan``; {0} is the first liar."""
-HONEST_WORDS = {"silent"}
-"""Faults that are no lie."""
+"""What is wrong, in the words of ``fault_plan``; {0} is the first liar, {1} the second."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +108,7 @@ def fly(work: LiveWork, name: str) -> LiarsResult:
     """One chase in one setting."""
     trackers = _order(work.chase)
     plan = fault_plan(SETTINGS[name].format(*trackers))
-    liars = tuple(sorted({fault.tracker for fault in plan.trackers if str(fault.fault) not in HONEST_WORDS}))
+    liars = tuple(sorted({fault.tracker for fault in plan.trackers}))
     left_out: dict[int, str] = {}
 
     def watch(snapshot: Snapshot) -> None:

@@ -380,7 +380,7 @@ def test_who_says_before_the_start_that_it_is_elsewhere_is_named_and_not_command
     assert bench.reason == "5 trackers are there"
     snapshot = bench.service.snapshot()
     assert (snapshot.origin_m, snapshot.spacing_m) == (pytest.approx(tuple(CENTER_M)), pytest.approx(5.0))
-    named = f"it says that it is {off_m:.3g} m from where the others say that it must be"
+    named = f"it says that it is {off_m:.1f} m from where the others say that it must be"
     assert [tracker.left_out for tracker in snapshot.trackers] == ["", "", named, "", "", ""]
     bench.step()
     assert bench.told() == [0, 1, 3, 4, 5]
@@ -418,7 +418,7 @@ def test_who_was_astray_for_a_moment_comes_back_and_later_more_slowly() -> None:
         says_that_it_is_off(liar, [0.0, 0.0, 0.0])
         began = len(bench.decisions())
         bench.run_until(MOVING)
-        assert "20 m from where" in bench.service.snapshot().trackers[5].left_out
+        assert "20.0 m from where" in bench.service.snapshot().trackers[5].left_out
         while bench.service.snapshot().trackers[5].left_out:
             bench.step()
         windows.append(len(bench.decisions()) - began)
@@ -591,7 +591,7 @@ def test_abort_tells_all_to_hold_and_then_nothing_any_more(during: ChaseState) -
     if during is IDLE:
         bench.service = bench.new_service(epoch=2)
     if during is CONNECTING:
-        bench.run(0.1)
+        bench.step()
     elif during in {HOLDING, REACHED}:
         bench.run_until(SAMPLING)
         bench.service.hold() if during is HOLDING else bench.service.declare_reached()

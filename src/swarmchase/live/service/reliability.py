@@ -146,7 +146,7 @@ class Reliability:
 
 
 def _astray(off_m: float) -> str:
-    return f"it says that it is {off_m:.3g} m from where the others say that it must be"
+    return f"it says that it is {off_m:.1f} m from where the others say that it must be"
 
 
 def off_set_points_m(set_point_m: Points, position_m: Points, counts: Flags) -> Levels:
