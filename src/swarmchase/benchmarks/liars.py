@@ -98,10 +98,22 @@ def table(result: dict[str, Any]) -> "Table":
         title=f"{result['chases']} live chases each, {result['controller']}, F = {result['sampling_hz']:g} Hz, "
         f"rho = {result['spatial_correlation']:g}",
     )
-    for row, one in zip(rows(result), result["settings"].values(), strict=True):
-        named = "" if one["liars_named"] is None else f"{one['liars_named']:.0%}"
-        shown.add_row(*row, named, f"{one['honest_left_out']}", f"{one['honest_separation_m']:.2f}")
+    for row in liar_rows(result):
+        shown.add_row(*row)
     return shown
+
+
+def liar_rows(result: dict[str, Any]) -> list[list[str]]:
+    """As the terminal and docs/live.md show it: a row a setting."""
+    return [
+        [
+            *row,
+            "-" if one["liars_named"] is None else f"{one['liars_named']:.0%}",
+            f"{one['honest_left_out']}",
+            f"{one['honest_separation_m']:.2f}",
+        ]
+        for row, one in zip(rows(result), result["settings"].values(), strict=True)
+    ]
 
 
 def fly(work: LiveWork, name: str) -> LiarsResult:

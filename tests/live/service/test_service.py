@@ -426,6 +426,29 @@ def test_who_was_astray_for_a_moment_comes_back_and_later_more_slowly() -> None:
     assert np.isfinite(bench.decisions()[-1].rssi_dbm).all()
 
 
+@pytest.mark.parametrize("minimum_trackers", [3, 4])
+@pytest.mark.parametrize("lie", ["place", "level"])
+def test_one_of_only_four_that_are_heard_lies(lie: str, minimum_trackers: int) -> None:
+    """It is named all the same. The three that are left go on if the operator has allowed it, and hold if not."""
+    settings = dataclasses.replace(BY_OPERATOR, minimum_trackers=minimum_trackers)
+    bench = Bench(service_settings=settings)
+    bench.trackers[1].hears = bench.trackers[2].hears = False
+    bench.run_until(MOVING)
+    if lie == "place":
+        says_that_it_is_off(bench.trackers[5], [29.9, 0.0, 0.0])
+    else:
+        bench.level_dbm = lambda tracker, now_ns: 20.0 if tracker.number == 5 else -60.0
+    decided = len(bench.decisions())
+    bench.run(25)
+    named = [number for number, tracker in enumerate(bench.service.snapshot().trackers) if tracker.left_out]
+    assert named == [5]
+    if minimum_trackers == 4:
+        assert (bench.service.state, bench.reason) == (HOLDING, "3 trackers are too few; left out: 5")
+    else:
+        assert HOLDING not in {state for state, _ in bench.transitions()}
+        assert all(np.isnan(one.rssi_dbm[:, 5]).all() for one in bench.decisions()[decided + 1 :])
+
+
 def test_after_the_operator_s_hold_who_was_left_out_counts_again_where_it_was_told_to_be() -> None:
     bench = Bench(level_dbm=lambda tracker, now_ns: -200.0 if tracker.number == 1 else -60.0)
     while not bench.service.snapshot().trackers[1].left_out:

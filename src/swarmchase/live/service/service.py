@@ -144,7 +144,7 @@ class ControllerService:
     def _act(self) -> None:
         """What the state asks for."""
         if self.state in {ChaseState.SAMPLING, ChaseState.MOVING} and not self._has_enough():
-            self._hold(f"{len(self._swarm.usable())} trackers are too few")
+            self._hold(f"{len(self._swarm.usable())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
         elif self.state is ChaseState.SAMPLING:

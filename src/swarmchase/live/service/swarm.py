@@ -69,6 +69,11 @@ class Swarm:
         """The trackers that are counted, and of whose receivers more may be on its way."""
         return [tracker for tracker in self.counted() if not self._records[tracker].is_silent(self._now_ns, patience_s)]
 
+    def left_out_words(self) -> str:
+        """Who is left out, as the end of a sentence; empty where nobody is."""
+        numbers = ", ".join(map(str, np.flatnonzero(~self._reliability.counts).tolist()))
+        return f"; left out: {numbers}" if numbers else ""
+
     def there(self) -> Flags:
         """Who could be commanded and is heard, left out or not [tracker]."""
         return np.array(
