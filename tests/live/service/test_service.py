@@ -271,7 +271,7 @@ def test_a_lost_tracker_that_comes_back_is_commanded_from_where_it_is() -> None:
     bench.run_until(MOVING)
     away = bench.trackers[4]
     away.is_alive = False
-    bench.run(2)
+    bench.run(3)
     away.position_m = away.target_m = CENTER_M + np.array([0.0, 0, 60])
     away.is_alive = True
     bench.step()
@@ -280,6 +280,22 @@ def test_a_lost_tracker_that_comes_back_is_commanded_from_where_it_is() -> None:
     place_m = np.array(bench.service.snapshot().center_m) + np.array([0, 0, 3])
     bench.run_until(SAMPLING)
     assert np.linalg.norm(away.position_m - place_m) < 5
+
+
+def test_a_lost_tracker_that_comes_back_with_another_origin_is_left_behind() -> None:
+    bench = Bench()
+    bench.run_until(MOVING)
+    away = bench.trackers[4]
+    away.is_alive = False
+    bench.run(2)
+    away.is_alive = True
+    says_that_it_is_off(away, [1000.0, 0.0, 0.0])
+    for _ in range(200):
+        bench.step()
+        assert bench.told() == [0, 1, 2, 3, 5]
+    left_out = bench.service.snapshot().trackers[4].left_out
+    assert left_out == "it says that it is 1000.0 m from where it was, further than it can have flown"
+    assert HOLDING not in {state for state, _ in bench.transitions()}
 
 
 def test_a_tracker_flown_by_its_pilot_is_let_go_and_the_others_go_on() -> None:

@@ -2,8 +2,11 @@
 
 A tracker is left out
 
-- when it says that it is more than ``ASTRAY_M`` from where it must be, that is as far from the place that it was told
-  as the others are from theirs: at once, and it is left behind, which means commanded no more;
+- when it says before the start, or in a window, that it is more than ``ASTRAY_M`` from where it must be, that is as far
+  from the place that it was told as the others are from theirs: at once, and it is left behind, which means commanded
+  no more;
+- when it comes back after it was lost, or flown by somebody else, and says that it is where it cannot have flown to:
+  left behind;
 - when it has not come to its place in ``MOVEMENTS_NOT_FOLLOWED`` movements in a row, while most others came to theirs:
   left behind;
 - when its level contradicts those of the others in ``CONTRADICTING_WINDOWS`` windows in a row. It flies on with the
@@ -106,6 +109,11 @@ class Reliability:
         for tracker, standing in enumerate(self._standings):
             if not standing.is_behind or waits_m[tracker] <= BACK_M:
                 self._standings[tracker] = _Standing()
+
+    def leave_out_jump(self, tracker: int, jump_m: float) -> None:
+        """One that was not commanded says that it is so far from where it was, further than it can have flown."""
+        reason = f"it says that it is {jump_m:.1f} m from where it was, further than it can have flown"
+        self._standings[tracker].leave_out(reason, is_behind=True)
 
     def take_positions(self, set_point_m: Points, position_m: Points, left_m: Points) -> None:
         """Where they were in a window, worst moment by worst moment, and where they were told to be.

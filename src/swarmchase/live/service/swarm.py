@@ -16,6 +16,8 @@ from .set_point_stream import SetPointStream
 from .tracker_record import TrackerRecord
 
 PLACES_OF_A_LOST_TRACKER = 11
+FLOWN_MPS = 20.0
+"""No tracker is faster, whoever flies it."""
 RETURN_SHARE = 0.5
 """Of what the channel lends: who is left out for its level has to hear better than who is not."""
 
@@ -28,6 +30,10 @@ class Swarm:
         self._records = [TrackerRecord(scenario) for _ in range(NUM_TRACKERS)]
         self._left_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
         """The last set-point of each tracker that got lost or was left behind: there it holds, if it has heard it."""
+        self._seen_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
+        """Where each was when it was last commanded,"""
+        self._seen_ns = [0] * NUM_TRACKERS
+        """and when that was."""
         self._now_ns = 0
         self._reliability, self._levels = Reliability(), LevelConsistency(scenario)
         self.stream = SetPointStream(limits)
@@ -41,7 +47,9 @@ class Swarm:
                 self._records[message.tracker].hear(message, now_ns)
 
     def take_stock(self, may_join: bool) -> None:
-        """Leave alone who is lost, left behind or flown by somebody else; command the others, from where they are."""
+        """Leave alone who is lost, left behind or flown by somebody else; command the others, from where they are. One
+        that comes back from where it cannot have flown to has another frame than before: it is left behind.
+        """
         for tracker, record in enumerate(self._records):
             was_commanded, is_led = self.stream.commanded[tracker], self._reliability.may_be_commanded[tracker]
             may_be_commanded = is_led and record.may_be_commanded(self._now_ns)
@@ -49,9 +57,20 @@ class Swarm:
                 if record.is_lost(self._now_ns) or not is_led:
                     self._left_m[tracker] = self.stream.set_point_m[tracker]
                 self.stream.release(tracker)
-            elif may_join and may_be_commanded and not was_commanded and record.position_m is not None:
-                self._left_m[tracker] = np.nan
-                self.stream.hold(tracker, record.position_m)
+            elif was_commanded and record.position_m is not None:
+                self._seen_m[tracker], self._seen_ns[tracker] = record.position_m, self._now_ns
+            elif may_join and may_be_commanded and record.position_m is not None:
+                self._join(tracker, record.position_m)
+
+    def _join(self, tracker: int, position_m: Point) -> None:
+        jump_m = float(np.linalg.norm(position_m - self._seen_m[tracker]))
+        flown_m = FLOWN_MPS * (self._now_ns - self._seen_ns[tracker]) / 1e9
+        if jump_m > ASTRAY_M + flown_m:
+            self._left_m[tracker] = self._seen_m[tracker]
+            self._reliability.leave_out_jump(tracker, jump_m)
+        else:
+            self._left_m[tracker] = np.nan
+            self.stream.hold(tracker, position_m)
 
     def commanded(self) -> list[int]:
         """The trackers that have a set-point."""
