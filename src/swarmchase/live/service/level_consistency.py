@@ -39,24 +39,29 @@ class LevelConsistency:
         self.lent_db = _fading_difference_db(scenario) + EQUIPMENT_DB + 2 * scenario.receiver_offset_db
         """By so much two trackers in one place may differ."""
 
-    def contradicts(self, rssi_dbm: Levels, position_m: Points, share: float = 1.0) -> Flags:
+    def contradicts(self, rssi_dbm: Levels, position_m: Points, counts: Flags, share: float = 1.0) -> Flags:
         """Which trackers hear more or less than the others' levels allow [tracker]; who hears nothing does not.
 
         Args:
             rssi_dbm: [sample, tracker]; NaN where nothing valid came.
             position_m: [tracker, 3]
+            counts: Whose word counts about others [tracker].
             share: Of what is lent to differences.
         """
         level_dbm = mean_power_dbm(torch.from_numpy(rssi_dbm)[None])[0].double().numpy()
-        heard = np.flatnonzero(np.isfinite(level_dbm))
+        lent_db, heard = share * self.lent_db, np.isfinite(level_dbm)
+        nearest_m, farthest_m = self._distance_m(level_dbm + lent_db), self._distance_m(level_dbm - lent_db)
         found = np.zeros(len(level_dbm), dtype=bool)
-        if len(heard) <= FEWEST_OTHERS:
-            return found
-        level_dbm, position_m, lent_db = level_dbm[heard], position_m[heard], share * self.lent_db
-        apart_m = np.linalg.norm(position_m[:, None] - position_m, axis=2)
-        highest_dbm = self._level_dbm(self._distance_m(level_dbm + lent_db) - apart_m, lent_db)
-        lowest_dbm = self._level_dbm(self._distance_m(level_dbm - lent_db) + apart_m, lent_db)
-        found[heard] = (level_dbm > _of_the_others(highest_dbm)) | (level_dbm < _of_the_others(lowest_dbm))
+        for tracker in np.flatnonzero(heard).tolist():
+            others = heard & counts & (np.arange(len(level_dbm)) != tracker)
+            if others.sum() < FEWEST_OTHERS:
+                continue
+            apart_m = np.linalg.norm(position_m[others] - position_m[tracker], axis=1)
+            highest_dbm = np.sort(self._level_dbm(nearest_m[others] - apart_m, lent_db))
+            lowest_dbm = np.sort(self._level_dbm(farthest_m[others] + apart_m, lent_db))
+            # The median; of an even number the one of the two in the middle that allows more.
+            middle = len(apart_m) // 2
+            found[tracker] = not lowest_dbm[-1 - middle] <= level_dbm[tracker] <= highest_dbm[middle]
         return found
 
     def _distance_m(self, level_dbm: Levels) -> Levels:
@@ -68,13 +73,6 @@ class LevelConsistency:
         nearest_m = self._reference_m * 10 ** (-lent_db / self._slope_db)
         ratio = np.maximum(distance_m, nearest_m) / self._reference_m
         return np.asarray(self._reference_dbm - self._slope_db * np.log10(ratio))
-
-
-def _of_the_others(limit_dbm: Levels) -> Levels:
-    """The median of what the others say of each tracker [tracker, other]: [tracker]."""
-    number = len(limit_dbm)
-    others = limit_dbm[~np.eye(number, dtype=bool)].reshape(number, number - 1)
-    return np.asarray(np.median(others, axis=1))
 
 
 @functools.lru_cache(maxsize=32)

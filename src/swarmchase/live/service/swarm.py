@@ -182,8 +182,9 @@ class Swarm:
         off_m = np.linalg.norm(position_m - place_m, axis=2).max(axis=0)
         rssi_dbm = np.where(off_m <= ASTRAY_M, rssi_dbm, np.nan)
         last_m = np.where(np.isfinite(position_m[-1]), position_m[-1], place_m)
-        contradicts = self._levels.contradicts(rssi_dbm, last_m)
-        doubtful = self._levels.contradicts(rssi_dbm, last_m, RETURN_SHARE) | np.isnan(rssi_dbm).all(axis=0)
+        counts = self._reliability.counts
+        contradicts = self._levels.contradicts(rssi_dbm, last_m, counts)
+        doubtful = self._levels.contradicts(rssi_dbm, last_m, counts, RETURN_SHARE) | np.isnan(rssi_dbm).all(axis=0)
         self._reliability.take_levels(contradicts, ~doubtful)
         counts = self._reliability.counts
         is_in_place = counts & (off_m <= ASTRAY_M)
