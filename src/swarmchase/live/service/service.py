@@ -99,7 +99,7 @@ class ControllerService:
             self._hold("the operator holds")
 
     def resume(self) -> None:
-        """Go on after holding, also with who was left out but is where it was told to be, or after a false ``REACHED``."""
+        """Go on after a false ``REACHED``, or after holding, also with who was left out and is where it should be."""
         if self.state is ChaseState.REACHED:
             self._judge.forget()
             self._go(ChaseState.HOLDING, "the operator says that it is not reached")
@@ -133,7 +133,7 @@ class ControllerService:
         self.listen()
         elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
         if self.state is not ChaseState.IDLE:
-            # Who contradicts the others is told nothing: in a frame of its own it would fly off. So nobody is told first.
+            # While it is not known who contradicts the others nobody is told anything: by another frame it flew off.
             self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
         self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
