@@ -58,7 +58,8 @@ class Swarm:
                     self._left_m[tracker] = self.stream.set_point_m[tracker]
                 self.stream.release(tracker)
             elif was_commanded and record.position_m is not None:
-                self._seen_m[tracker], self._seen_ns[tracker] = record.position_m, self._now_ns
+                seen_ns = self._now_ns - round(1e9 * record.position_age_s(self._now_ns))
+                self._seen_m[tracker], self._seen_ns[tracker] = record.position_m, seen_ns
             elif may_join and may_be_commanded and record.position_m is not None:
                 self._join(tracker, record.position_m)
 
