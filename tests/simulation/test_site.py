@@ -13,12 +13,13 @@ import torch
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from live_bench import FLYING
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, tracker_position_m
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.codec import TRACKER_COMPONENT, ReportDecoder, system_of
-from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
+from swarmchase.live.link.messages import Heartbeat, Metres, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.link.packet import PacketReader, PacketWriter, Peer
 from swarmchase.live.link.rejection import RejectedError
 from swarmchase.live.link.timestamps import Timestamps
@@ -33,6 +34,7 @@ from swarmchase.simulation.fault_plan import (
     ProcessFault,
     ReceiverFault,
     TrackerFault,
+    VehicleFault,
     fault_plan,
 )
 from swarmchase.simulation.faulty_path import Faults
@@ -46,7 +48,8 @@ from swarmchase.simulation.virtual_chase import KEYS, START_NS, SkewedClock
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork
 from swarmchase.world.environment import Environment, distance_to_target_m
 
-SILENT, STUCK, GARBAGE, WRONG, DELAYED, INTERMITTENT = ReceiverFault
+SILENT, STUCK, GARBAGE, WRONG, DEAF, LOUD, DELAYED, INTERMITTENT = ReceiverFault
+OFFSET, ORIGIN, STAYS, FENCE = VehicleFault
 SLOW, FROZEN, KILL, RESTART = ProcessFault
 
 
@@ -67,6 +70,7 @@ SLOW, FROZEN, KILL, RESTART = ProcessFault
         ("outage=10-13, outage=20-21.5", FaultPlan(Faults(outages_s=((10.0, 13.0), (20.0, 21.5))))),
         ("forge=200", FaultPlan(forged_hz=200.0)),
         ("silent=2@10-20", FaultPlan(trackers=(TrackerFault(SILENT, 2, 10.0, 20.0),))),
+        ("offset=5@3", FaultPlan(trackers=(TrackerFault(OFFSET, 5, 3.0, math.inf),))),
         ("garbage=0@0", FaultPlan(trackers=(TrackerFault(GARBAGE, 0, 0.0, math.inf),))),
         (
             "restart=4@30,kill=5@1.5,frozen=1@2-3",
@@ -149,6 +153,8 @@ MS_NS = 10**6
         (None, [(0, -60.0), (100, -61.0)], [(0, -60.0), (100, -61.0)]),
         (SILENT, [(0, -60.0), (100, -61.0)], []),
         (WRONG, [(0, -60.0), (100, -61.0)], [(0, -40.0), (100, -41.0)]),
+        (DEAF, [(0, -60.0), (100, -61.0)], [(0, -200.0), (100, -200.0)]),
+        (LOUD, [(0, -60.0), (100, -61.0)], [(0, 20.0), (100, 20.0)]),
         # It is silent in every second half second of the clock.
         (
             INTERMITTENT,
@@ -212,7 +218,7 @@ def test_nothing_that_a_forger_sends_is_ever_accepted() -> None:
     def say(time_ns: int) -> None:
         for tracker, writer in enumerate(writers):
             for message in (
-                Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING),
+                Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING, FLYING),
                 PositionReport(tracker, time_ns, (1.0, 2.0, 3.0)),
                 RssiWindow(tracker, time_ns, 10.0, (-60.0,) * 50),
             ):
@@ -417,6 +423,35 @@ def test_vehicles_fly_in_the_world_s_time() -> None:
         world.advance(START_NS + step * 100 * MS_NS)
     assert world.positions_m()[1] == (-5, 20, 0)
     assert world.positions_m()[0] == (5, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "told_m", "flies_to_m", "says_m"),
+    [
+        (OFFSET, (-5.0, 20.0, 0.0), (-5, 20, 0), (24.9, 20, 0)),
+        (ORIGIN, (995.0, 20.0, 0.0), (-5, 20, 0), (995, 20, 0)),
+        (STAYS, (-5.0, 20.0, 0.0), (-5, 0, 0), (-5, 0, 0)),
+        (FENCE, (-5.0, 20.0, 0.0), (-5, 20, 0), (-5, 20, 0)),
+        (FENCE, (-5.0, 20.0, 31.0), (-5, 0, 0), (-5, 0, 0)),
+    ],
+)
+def test_what_a_failing_vehicle_does_and_says(
+    fault: VehicleFault, told_m: Metres, flies_to_m: Metres, says_m: Metres
+) -> None:
+    """From second 1 to 30; before and after that it is a vehicle like any other."""
+    world = Site(paper_scenario(), 1, 0, fault_plan(f"{fault}=1@1-30"))
+    world.begin(START_NS)
+    failing = world.flown[1]
+    assert failing.position_m == (-5, 0, 0)
+    world.advance(START_NS + 1000 * MS_NS)
+    failing.go_to(told_m)
+    world.advance(START_NS + 2000 * MS_NS)
+    failing.go_to(told_m)
+    for step in range(3, 20):
+        world.advance(START_NS + 1000 * step * MS_NS)
+    assert (failing.position_m, world.positions_m()[1]) == (pytest.approx(says_m), pytest.approx(flies_to_m))
+    world.advance(START_NS + 30_000 * MS_NS)
+    assert failing.position_m == world.positions_m()[1]
 
 
 def test_the_distance_to_the_target_is_the_evaluation_s_also_with_two_trackers_left_behind() -> None:

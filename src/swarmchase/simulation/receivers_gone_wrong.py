@@ -8,6 +8,7 @@ from ..live.tracker.sources import Sample
 from .fault_plan import ReceiverFault
 
 WRONG_DB = 20.0
+CONSTANT_DBM = {ReceiverFault.DEAF: -200.0, ReceiverFault.LOUD: 20.0}
 DELAY_S = 0.5
 HALF_SECOND_NS = 500_000_000
 ABSURD_DBM = (math.inf, -math.inf, 1e300, -1e4, 99.0)
@@ -35,6 +36,8 @@ class FailingReceiver:
             return [(time_ns, rssi_dbm if math.isnan(rssi_dbm) else self._last_dbm)]
         if fault is ReceiverFault.GARBAGE:
             return [(time_ns, self._random.choice(ABSURD_DBM))]
+        if fault in CONSTANT_DBM:
+            return [(time_ns, rssi_dbm if math.isnan(rssi_dbm) else CONSTANT_DBM[fault])]
         if fault is ReceiverFault.WRONG:
             return [(time_ns, rssi_dbm + WRONG_DB)]
         self._last_dbm = self._last_dbm if math.isnan(rssi_dbm) else rssi_dbm

@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from functools import partial
 from random import Random
 
 import torch
@@ -11,9 +12,10 @@ from ..live.link.messages import Metres
 from ..live.tracker.sources import Sample
 from ..live.tracker.vehicles import SimulatedVehicle, VehicleLimits
 from ..scenario import NUM_TRACKERS, Scenario
-from .fault_plan import FaultPlan
+from .fault_plan import FaultPlan, VehicleFault
 from .radio import Radio
 from .receivers_gone_wrong import FailingReceiver
+from .vehicles_gone_wrong import FailingVehicle
 
 MOST_SAMPLES_MADE_UP = 100
 """A site that stood still for longer leaves samples out."""
@@ -36,8 +38,14 @@ class Site:
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
         self.vehicles = [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
         """They fly where they are told, through ``advance``."""
+        self.flown = [
+            FailingVehicle(vehicle, partial(self._vehicle_fault, tracker))
+            for tracker, vehicle in enumerate(self.vehicles)
+        ]
+        """The same as their agents have them."""
         self._plan = plan or FaultPlan()
         self._start_ns: int | None = None
+        self._now_ns = 0
         self._period_ns = 1e9 / scenario.sampling_hz
         self._taken = 0
         self._spacing_m = scenario.initial_spacing_m
@@ -45,7 +53,7 @@ class Site:
 
     def begin(self, now_ns: int) -> None:
         """The target begins to transmit, and the faults' clock to run."""
-        self._start_ns = now_ns
+        self._start_ns = self._now_ns = now_ns
 
     def advance(self, now_ns: int) -> list[list[Sample]]:
         """Let everything happen until now: what each receiver reports meanwhile."""
@@ -56,6 +64,7 @@ class Site:
             while self._taken < due:
                 self._taken += 1
                 self._sample(self._start_ns, round(self._taken * self._period_ns), reported)
+        self._now_ns = now_ns
         self._fly(now_ns)
         return reported
 
@@ -67,6 +76,11 @@ class Site:
         for tracker, level_dbm in enumerate(heard_dbm):
             fault = self._plan.of_receiver(tracker, after_ns / 1e9)
             reported[tracker] += self._receivers[tracker].reported((time_ns, level_dbm), fault)
+
+    def _vehicle_fault(self, tracker: int) -> VehicleFault | None:
+        if self._start_ns is None:
+            return None
+        return self._plan.of_vehicle(tracker, (self._now_ns - self._start_ns) / 1e9)
 
     def positions_m(self) -> list[Metres]:
         """Where the vehicles are."""

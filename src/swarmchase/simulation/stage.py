@@ -107,7 +107,7 @@ class _Stage:
         self._sources = [(LOOPBACK, one.source) for one in ports]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._autopilots = [
-            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.vehicles, ports, strict=True)
+            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.flown, ports, strict=True)
         ]
         self._trackers = TrackerProcesses(play.scenario, play.plan, ports, play.folder)
         self._start_ns: int | None = None

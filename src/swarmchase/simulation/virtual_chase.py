@@ -11,14 +11,12 @@ from ..controllers.protocol import Controller
 from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
-from ..live.link.messages import Metres, TrackerMode, VehicleState
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
 from ..live.service.settings import ServiceSettings
 from ..live.tracker.agent import AgentSettings, TrackerAgent
 from ..live.tracker.sources import Sample
-from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 from .site import Site
@@ -122,10 +120,11 @@ class VirtualChase:
         """Its process dies and is there again at once, without its state folder: a new chase begins."""
         self.link, self.service = self._begun_service(epoch)
 
-    def run(self) -> VirtualResult:
+    def run(self, each_tick: Callable[[], None] = lambda: None) -> VirtualResult:
         """Until the chase has ended."""
         while self.service.state in UNDER_WAY and self._seconds() < LONGEST_CHASE_S:
             self.tick()
+            each_tick()
         snapshot = self.service.snapshot()
         near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
         if near and self._movements_to_target is None:
@@ -202,7 +201,7 @@ class VirtualChase:
             monotonic_ns=self.tracker_clocks[tracker].now_ns,
             udp=self.network.trackers[tracker],
         )
-        vehicle, receiver = _Flown(self.site.vehicles[tracker]), self._receivers[tracker]
+        vehicle, receiver = self.site.flown[tracker], self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
         return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
 
@@ -231,40 +230,6 @@ class VirtualChase:
 
     def _seconds(self) -> float:
         return (self.clock.now_ns() - START_NS) / 1e9
-
-
-class _Flown:
-    """A vehicle as its agent has it: time passes for it at the site alone, whatever the agent's clock says."""
-
-    def __init__(self, vehicle: SimulatedVehicle) -> None:
-        self._vehicle = vehicle
-        self.go_to, self.hold, self.said = vehicle.go_to, vehicle.hold, vehicle.said
-
-    @property
-    def position_m(self) -> Metres:
-        return self._vehicle.position_m
-
-    @property
-    def position_age_s(self) -> float:
-        return self._vehicle.position_age_s
-
-    @property
-    def velocity_mps(self) -> Metres:
-        return self._vehicle.velocity_mps
-
-    @property
-    def state(self) -> VehicleState:
-        return self._vehicle.state
-
-    @property
-    def mode(self) -> TrackerMode:
-        return self._vehicle.mode
-
-    def update(self, now_ns: int) -> None:
-        """The site does it."""
-
-    def close(self) -> None:
-        """Nothing is held."""
 
 
 class _Receiver:

@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the MAVLink link needs pymavlink: pip install swarmchase[live]")
 
+from live_bench import FLYING
 from swarmchase.cli import main
 from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
@@ -69,7 +70,7 @@ class Air:
 
     def reports_arrive(self, held_s: float = 0.0) -> bool:
         """Whether the controller takes a report that comes so many seconds after it was sent."""
-        self.tracker.send(Heartbeat(2, self.clock.now_ns() % 10**15, TrackerMode.HOLDING))
+        self.tracker.send(Heartbeat(2, self.clock.now_ns() % 10**15, TrackerMode.HOLDING, FLYING))
         self.clock.advance(held_s)
         self.network.pass_on()
         return bool(self.controller.receive())
@@ -132,7 +133,7 @@ def test_a_packet_from_the_far_future_locks_nobody_out(air: Air) -> None:
     ahead = TrackerMavlinkLink(
         2, *CONTROLLER, KEYS[2], wall_time_ns=air.tracker_wall.now_ns, udp=air.network.trackers[2]
     )
-    ahead.send(Heartbeat(2, 1, TrackerMode.HOLDING))
+    ahead.send(Heartbeat(2, 1, TrackerMode.HOLDING, FLYING))
     air.network.pass_on()
     assert not air.controller.receive()
     assert air.controller.rejections.skew_s() == {"too far ahead": {"tracker 2": pytest.approx(HOUR_S, abs=1)}}
@@ -332,7 +333,7 @@ def test_a_renewed_key_counts_and_a_revoked_one_does_not(tmp_path: Path, capsys:
                 tracker, *CONTROLLER, key, wall_time_ns=clock.now_ns, udp=network.trackers[tracker]
             )
             opened.enter_context(closing(end))
-            end.send(Heartbeat(tracker, 1, TrackerMode.HOLDING))
+            end.send(Heartbeat(tracker, 1, TrackerMode.HOLDING, FLYING))
         network.pass_on()
         assert [message.tracker for message in controller.receive()] == [2, 5]
         assert controller.rejected == {"wrong key": 1, "unknown sender": 1}

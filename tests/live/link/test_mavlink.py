@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
 from swarmchase.errors import InputError
 from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, SetPoint, TrackerMode
 from swarmchase.live.link.protocol import Link
@@ -59,7 +60,7 @@ def position(tracker: int = 0, time_ns: int = 7_000_000_000) -> PositionReport:
 
 
 def heartbeat(tracker: int = 0, time_ns: int = 7_000_000_000) -> Heartbeat:
-    return Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING)
+    return Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING, FLYING)
 
 
 def set_point(tracker: int = 0, time_ns: int = 7_000_000_000, epoch: int = 3_000_000_001) -> SetPoint:
@@ -885,7 +886,7 @@ DOCS_KEY = bytes(range(32))
 DOCS_EXAMPLES: dict[str, Message] = {
     "RssiWindow": RssiWindow(0, 7_000_000_000, 10.0, (-61.5, -60.25)),
     "PositionReport": PositionReport(0, 7_000_000_000, (1.5, -2.0, 30.25), (0.5, 0.25, -1.0)),
-    "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING),
+    "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING, FLYING),
     "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0)),
 }
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
 from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.service.sample_window import ClockOffset, SampleWindow
 from swarmchase.live.service.tracker_record import MOST_POSITIONS, TrackerRecord
@@ -180,7 +181,7 @@ class Tracker:
             self.record.hear(one, self.now_ns + self.delay_ns)
 
     def lives(self, mode: TrackerMode = TrackerMode.FOLLOWING) -> Heartbeat:
-        return Heartbeat(0, self.own_ns, mode)
+        return Heartbeat(0, self.own_ns, mode, FLYING)
 
     def is_at(self, *position_m: float | int) -> PositionReport:
         x_m, y_m, z_m = map(float, position_m)
@@ -321,7 +322,7 @@ def test_no_dates_break_a_record(said: list[tuple[int, int, str]]) -> None:
             {
                 "rssi": RssiWindow(0, sender_ns, 0.1, (-50.0, math.nan, -51.0)),
                 "position": PositionReport(0, sender_ns, (1.0, 2.0, 3.0)),
-                "heartbeat": Heartbeat(0, sender_ns, TrackerMode.FOLLOWING),
+                "heartbeat": Heartbeat(0, sender_ns, TrackerMode.FOLLOWING, FLYING),
             }[kind],
             now_ns,
         )

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
 from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.mavlink import TrackerMavlinkLink
@@ -262,7 +263,7 @@ def test_which_set_points_are_obeyed(
 
 def test_what_a_tracker_would_say_is_not_obeyed() -> None:
     situation = Situation()
-    situation.link.waiting = [Heartbeat(TRACKER, 1, MANUAL), PositionReport(TRACKER, 1, (9.0, 9.0, 9.0))]
+    situation.link.waiting = [Heartbeat(TRACKER, 1, MANUAL, FLYING), PositionReport(TRACKER, 1, (9.0, 9.0, 9.0))]
     situation.agent.step()
     assert situation.places() == []
     assert situation.agent.ignored == {"no set-point": 2}

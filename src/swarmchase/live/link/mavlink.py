@@ -27,7 +27,7 @@ from .keys import require_keys
 from .loss import LossMeter
 from .messages import Message, Report, SetPoint
 from .packet import LONGEST_PACKET_BYTES, SEQUENCE_PLACE, Header, PacketReader, PacketWriter, Peer
-from .protocol import Link
+from .protocol import ControllerLink, Link
 from .rejection import Reason, RejectedError, Rejections
 from .state_file import CONTROLLER_HEARS, TRACKER_HEARS, sender_name
 from .timestamps import Timestamps
@@ -111,7 +111,7 @@ class _UdpEnd:
             self._socket.sendto(datagram, address)
 
 
-class ControllerMavlinkLink(_UdpEnd, Link):
+class ControllerMavlinkLink(_UdpEnd, ControllerLink):
     """The controller's end.
 
     Args:
@@ -162,6 +162,11 @@ class ControllerMavlinkLink(_UdpEnd, Link):
     def wait(self, seconds: float) -> bool:
         """Until something comes, and no longer than this; whether it has come."""
         return bool(select.select([self._socket], [], [], max(seconds, 0.0))[0])
+
+    def clocks_ahead_s(self) -> list[float | None]:
+        """Of each tracker: how far its clock was ahead when it last spoke; None where it never did, or does not sign."""
+        skew_s = self._timestamps.skew_s
+        return [skew_s.get(system_of(tracker)) for tracker in range(NUM_TRACKERS)]
 
     def loss_share(self) -> list[float | None]:
         """Of each tracker's last packets, which share got lost on their way here; None where that is not known."""

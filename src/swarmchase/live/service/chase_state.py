@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ...controllers.explanation import Explanation
-from ..link.messages import Metres, TrackerMode
+from ..link.messages import Metres, Notice, TrackerMode, VehicleState
 from .sample_window import Levels, Points
 
 
@@ -81,6 +81,28 @@ class TrackerSnapshot:
     """Of its last window."""
     rssi_dbm: tuple[float, ...]
     """Its last window, oldest first; NaN where nothing valid came."""
+    left_out: str = ""
+    """Why it is left out; empty where it counts."""
+    vehicle: VehicleState | None = None
+    position_hz: float | None = None
+    """How often it said where it was, of late; None where that is not known."""
+    notices: tuple[Notice, ...] = ()
+    """The newest lines for people of its autopilot, its receiver and its agent, oldest first."""
+
+
+@dataclass(frozen=True)
+class PreflightCheck:
+    """One thing that is looked at before the trackers are led."""
+
+    name: str
+    passed: bool | None
+    """None where nobody can say: that holds up nothing."""
+    text: str
+    """What was found."""
+    tracker: int | None = None
+    """None where it is about all."""
+    may_be_overridden: bool = True
+    """By the operator's word."""
 
 
 @dataclass(frozen=True)
@@ -106,3 +128,5 @@ class Snapshot:
     """In SAMPLING: the window begins with the first valid sample taken then or later."""
     recorder_failures: int
     """How often the recorder has failed."""
+    preflight: tuple[PreflightCheck, ...] = ()
+    """What is looked at before the trackers are led; empty from then on."""

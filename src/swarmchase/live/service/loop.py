@@ -100,6 +100,7 @@ class ServeLoop:
         self._request, self._tell, self._watchers, self._stay = request, tell, watchers, stay
         self._acts: dict[str, Callable[[], None]] = {
             OperatorWord.START: service.start,
+            OperatorWord.OVERRIDE: service.override,
             OperatorWord.HOLD: service.hold,
             OperatorWord.RESUME: service.resume,
             OperatorWord.REACHED: service.declare_reached,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...scenario import Scenario
+from .formation_estimate import claimed_centers_m, median_m
 from .safety import Move, formation_m
 from .sample_window import Levels, Point, Points
 from .settings import ServiceSettings
@@ -82,10 +83,12 @@ class StopAndListen:
         late = len(arrived_ns) - len(since_ns)
         if not late:
             # The window begins when the last of them reported so, by its own clock.
+            self._swarm.end_movement(self._settings.arrival_tolerance_m)
             self._settle(max(since_ns))
             return "arrived"
         if flown_s > 2 * self._way_s + self._settings.move_allowance_s:
             self._swarm.stream.stop()
+            self._swarm.end_movement(self._settings.arrival_tolerance_m)
             self._settle(now_ns + 1)
             return f"{late} trackers have not arrived in time"
         return None
@@ -101,9 +104,10 @@ class StopAndListen:
         if not is_complete and (now_ns - begins_ns) / 1e9 < self._window_s + allowance_s:
             return None
         assert self.formation is not None
-        place_m = formation_m(self.formation.center_m, self.formation.spacing_m)
-        rssi_dbm, position_m = self._swarm.window(begins_ns, place_m)
-        return Window(rssi_dbm, position_m, self._center_m(self.formation, position_m[-1]))
+        rssi_dbm, position_m = self._swarm.heard(begins_ns)
+        center_m = self._center_m(self.formation, self._swarm.counted_positions_m(position_m[-1]))
+        place_m = formation_m(center_m, self.formation.spacing_m)
+        return Window(*self._swarm.window(rssi_dbm, position_m, place_m), center_m)
 
     def _settle(self, since_ns: int) -> None:
         """From this moment on the trackers brake and swing; then samples count."""
@@ -111,9 +115,11 @@ class StopAndListen:
         self.window_since_ns = since_ns + round(self._settings.settle_s * 1e9)
 
     def _center_m(self, formation: Move, position_m: Points) -> Point:
-        """The mean of the positions, unless that is where it should be but for a tolerance, which must not make the
-        formation wander.
+        """The median of what those in these places [tracker, 3] say of the centre, unless that is where it should be
+        but for a tolerance, which must not make the formation wander.
         """
-        seen_m = np.asarray(position_m.mean(axis=0))
+        if not np.isfinite(position_m).any():
+            return formation.center_m
+        seen_m = median_m(claimed_centers_m(position_m, formation.spacing_m))
         off_m = np.linalg.norm(seen_m - formation.center_m)
         return formation.center_m if off_m <= self._settings.arrival_tolerance_m else seen_m

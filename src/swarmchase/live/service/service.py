@@ -23,10 +23,11 @@ from ...observation import Observation
 from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
 from ..link.messages import SetPoint
-from ..link.protocol import Link
-from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from ..link.protocol import ControllerLink
+from .chase_state import UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
+from .preflight import failing, in_words, preflight
 from .safety import Move, SafetyFilter, SafetyLimits
 from .sample_window import Point
 from .settings import ServiceSettings
@@ -55,7 +56,7 @@ class ControllerService:
         self,
         scenario: Scenario,
         controller: Controller,
-        link: Link,
+        link: ControllerLink,
         clock: Clock,
         limits: SafetyLimits,
         recorder: Recorder,
@@ -79,7 +80,7 @@ class ControllerService:
         self._entered_ns = self._now_ns
         self._origin_m: Point | None = None
         self._movements = self._deaf_windows = self._recorder_failures = 0
-        self._operator_holds = False
+        self._operator_holds = self._overrides = False
         self._retry_ns = self._now_ns
         self._last_decision: Decision | None = None
         self._to_explain: Observation | None = None
@@ -92,6 +93,11 @@ class ControllerService:
         if self.state is ChaseState.IDLE:
             self._go(ChaseState.CONNECTING, "the operator starts")
 
+    def override(self) -> None:
+        """Begin although the preflight has not passed."""
+        if self.state in {ChaseState.IDLE, ChaseState.CONNECTING}:
+            self._overrides = True
+
     def hold(self) -> None:
         """Stay until ``resume``."""
         if self.state in UNDER_WAY and not self._operator_holds:
@@ -99,12 +105,14 @@ class ControllerService:
             self._hold("the operator holds")
 
     def resume(self) -> None:
-        """Go on after ``hold``, or after the target was taken for reached and is not."""
+        """Go on after a false ``REACHED``, or after holding, also with who was left out and is where it should be."""
         if self.state is ChaseState.REACHED:
             self._judge.forget()
             self._go(ChaseState.HOLDING, "the operator says that it is not reached")
-        elif self._operator_holds and self.state is ChaseState.HOLDING:
-            self._go(ChaseState.HOLDING, "the operator resumes")
+        elif self.state is ChaseState.HOLDING:
+            self._swarm.forgive()
+            if self._operator_holds:
+                self._go(ChaseState.HOLDING, "the operator resumes")
         self._operator_holds = False
 
     def declare_reached(self) -> None:
@@ -131,7 +139,8 @@ class ControllerService:
         self.listen()
         elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
         if self.state is not ChaseState.IDLE:
-            self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
+            # While it is not known who contradicts the others nobody is told anything: by another frame it flew off.
+            self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
         self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
         self._speak()
@@ -139,7 +148,7 @@ class ControllerService:
     def _act(self) -> None:
         """What the state asks for."""
         if self.state in {ChaseState.SAMPLING, ChaseState.MOVING} and not self._has_enough():
-            self._hold(f"{len(self._swarm.usable())} trackers are too few")
+            self._hold(f"{len(self._swarm.usable())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
         elif self.state is ChaseState.SAMPLING:
@@ -150,16 +159,28 @@ class ControllerService:
             self._try_to_resume()
 
     def _connect(self) -> None:
-        """Begin with all six, or after a while with enough of them."""
-        if not self._has_enough():
+        """Begin with all six, or after a while with enough of them that agree on where the formation is."""
+        if self._swarm.there().sum() < self._settings.minimum_trackers:
             self._entered_ns = self._now_ns
             return
-        number = len(self._swarm.usable())
-        if number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s:
-            center_m, spacing_m = self._swarm.center_and_spacing_m()
-            self._origin_m = center_m
-            self._pace.stand(Move(center_m, spacing_m, (), ""), self._now_ns)
-            self._go(ChaseState.SAMPLING, f"{number} trackers are there")
+        estimate = self._swarm.formation_estimate()
+        number = int(estimate.agrees.sum())
+        self._swarm.begin_with(estimate)
+        has_waited = number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s
+        failed = [one for one in self._preflight() if one.passed is False]
+        if has_waited and number >= self._settings.minimum_trackers and not failing(failed, self._overrides):
+            self._origin_m = estimate.center_m
+            self._swarm.take_stock(may_join=True)
+            self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
+            overridden = f"; overridden: {in_words(failed)}" if failed else ""
+            self._go(ChaseState.SAMPLING, f"{number} trackers are there{overridden}")
+
+    def _preflight(self) -> tuple[PreflightCheck, ...]:
+        """As it is now; nothing once the trackers are led."""
+        if self.state not in {ChaseState.IDLE, ChaseState.CONNECTING}:
+            return ()
+        clocks_ahead_s = self._link.clocks_ahead_s()
+        return preflight(self._scenario, self._filter.limits, self._swarm.snapshots(), clocks_ahead_s)
 
     def _sample(self) -> None:
         """Judge by the window and decide, once there is one."""
@@ -277,6 +298,7 @@ class ControllerService:
             explanation=self._explanation,
             window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
+            preflight=self._preflight(),
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""Tells of each tracker when it comes, goes, falls silent or is heard again."""
+"""Tells of each tracker when it comes, goes, falls silent or is heard again, and when it is left out or comes back."""
 
 from collections.abc import Callable
 
@@ -28,4 +28,6 @@ def _condition(tracker: TrackerSnapshot) -> str:
         return "is lost"
     if tracker.mode is TrackerMode.MANUAL:
         return "is flown by somebody else, or cannot be commanded"
+    if tracker.left_out:
+        return f"is left out: {tracker.left_out}"
     return "is silent" if tracker.is_silent else "is there"
