@@ -21,6 +21,8 @@ SECONDS_TO_2015 = 1_420_070_400
 STEP_S = 0.1
 SPEED_MPS = 5.0
 HOLD_AFTER_S = 1.0
+ARMED, SIMULATED = 128, 32
+"""Of the vehicle: leave the second away with a real one."""
 FRESH, MOST_AHEAD = 200_000, 6_000_000
 """2 s and a minute, in the units of signatures: 10 us."""
 
@@ -97,7 +99,7 @@ class Tracker:
         mode = 8 if self.follows else 16
         self.send(mavutil.mavlink.MAVLink_debug_float_array_message(int(1e6 * uptime_s), b"rssi_dbm", 1, data))
         self.send(mavutil.mavlink.MAVLink_local_position_ned_message(uptime_ms, north, east, -up, 0.0, 0.0, 0.0))
-        self.send(mavutil.mavlink.MAVLink_heartbeat_message(18, 8, 1 | mode, uptime_ms, 4, 3))
+        self.send(mavutil.mavlink.MAVLink_heartbeat_message(18, 8, 1 | mode | ARMED | SIMULATED, uptime_ms, 4, 3))
 
     def send(self, message):
         """Signed at real time, which pymavlink by itself reads once only."""

@@ -74,6 +74,7 @@ class Session:
         request: StopRequest,
         *,
         starts: bool,
+        overrides: bool = False,
         stay: bool = False,
         watchers: Sequence[Watcher] = (),
     ) -> ServeSummary:
@@ -82,6 +83,7 @@ class Session:
         Args:
             words: where the operator speaks, beside the page.
             starts: begin at once; otherwise the word start begins.
+            overrides: begin although the preflight has not passed.
             stay: see ``ServeLoop``.
             watchers: see the service after every step, before the audience does.
         """
@@ -100,6 +102,8 @@ class Session:
         )
         if starts:
             service.start()
+        if overrides:
+            service.override()
         all_words, all_watchers = [*words, *audience.words], [*watchers, *audience.watchers]
         loop = ServeLoop(service, self._link, audience.journal, all_words, request, self._tell, all_watchers, stay)
         return loop.run()

@@ -153,7 +153,13 @@ def run_live_chase(
             tell("Six trackers are starting.")
             stage.wait(lambda: request.made)
             progress = _Progress(stage, scenario)
-            summary = session.run(words, request, starts=not request.made, watchers=[stage.watch, progress])
+            summary = session.run(
+                words,
+                request,
+                starts=not request.made,
+                overrides=plan != FaultPlan(),  # whoever has ordered faults wants to see them
+                watchers=[stage.watch, progress],
+            )
             told = _summary(summary, stage, scenario, progress.movements_to_target)
             stage.close()
             stage = None

@@ -226,6 +226,8 @@ class VirtualChase:
             self._settings,
         )
         service.start()
+        if self._plan != FaultPlan():
+            service.override()  # whoever has ordered faults wants to see them
         return link, service
 
     def _seconds(self) -> float:

@@ -21,7 +21,19 @@ from hypothesis import strategies as st
 
 from live_bench import FLYING
 from swarmchase.errors import InputError
-from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, SetPoint, TrackerMode
+from swarmchase.live.link.messages import (
+    LONGEST_NOTICE,
+    MOST_NOTICES,
+    Heartbeat,
+    Message,
+    Notice,
+    PositionReport,
+    RssiWindow,
+    SetPoint,
+    Severity,
+    TrackerMode,
+    VehicleState,
+)
 from swarmchase.live.link.protocol import Link
 from swarmchase.live.link.rejection import Reason, RejectedError
 
@@ -156,12 +168,16 @@ TRACKERS = st.integers(0, 5)
 LEVELS = st.lists(float32(-200, 50) | st.just(math.nan), min_size=1, max_size=50).map(tuple)
 WINDOWS = st.tuples(TRACKERS, whole(2**63 // 1000, 1000), float32(0.125, 10_000), LEVELS)
 POSITIONS = st.tuples(TRACKERS, whole(2**32, 10**6), vectors(100_000), vectors(200))
-HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode))
+VEHICLES = st.builds(VehicleState, st.booleans(), st.sampled_from([None, False, True]), st.booleans())
+HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode), VEHICLES)
+LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=LONGEST_NOTICE)
+NOTICES = st.tuples(TRACKERS, st.integers(1, MOST_NOTICES), st.sampled_from(Severity), LINES)
 SET_POINTS = st.tuples(TRACKERS, whole(2**63 // 10**6, 10**6), whole(2**32), vectors(100_000))
 
 
 @pytest.mark.parametrize(
-    ("kind", "values"), [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS)]
+    ("kind", "values"),
+    [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS), (Notice, NOTICES)],
 )
 @given(data=st.data())
 def test_a_report_comes_back_as_it_was_sent(
@@ -887,6 +903,7 @@ DOCS_EXAMPLES: dict[str, Message] = {
     "RssiWindow": RssiWindow(0, 7_000_000_000, 10.0, (-61.5, -60.25)),
     "PositionReport": PositionReport(0, 7_000_000_000, (1.5, -2.0, 30.25), (0.5, 0.25, -1.0)),
     "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING, FLYING),
+    "Notice": Notice(0, 3, Severity.WARNING, "PreArm: Compass not calibrated"),
     "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0)),
 }
 
@@ -916,7 +933,7 @@ def test_docs_message_map(name: str) -> None:
     datagram = writer.datagram(example, DOCS_KEY)
     assert "".join(section.split("```")[1].split()) == datagram.hex(), "the packet"
     fields = mavlink.MAVLink(None).decode(bytearray(datagram))
-    assert section.splitlines()[0].startswith(f"### `{name}`: {fields.get_type()} ({fields.id}), ")
+    assert section.splitlines()[0].startswith(f"### `{name}`: {fields.get_type()} ({fields.get_msgId()}), ")
     rows = [row for row in docs_rows(section) if len(row) == 4]
     types = dict(zip(fields.fieldnames, fields.fieldtypes, strict=True))
     assert list(dict.fromkeys(row[0].split("[")[0] for row in rows)) == fields.fieldnames
@@ -933,6 +950,20 @@ def test_docs_message_map(name: str) -> None:
         else:
             assert str(held if isinstance(held, str) else f"{held:.10g}") == value, field
     assert places == list(range(len(fields.data) if name == "RssiWindow" else 0))
+
+
+def test_docs_vehicle() -> None:
+    rows = [row for row in docs_rows(docs_section("`Heartbeat`")) if len(row) == 2]
+    states, flags = mavlink.enums["MAV_STATE"], mavlink.enums["MAV_MODE_FLAG"]
+    airborne = {None: "unknown", False: "on the ground", True: "in the air"}
+    assert rows == [
+        [f"`base_mode`, {codec.ARMED_FLAG} ({flags[codec.ARMED_FLAG].name})".strip("`"), "armed"],
+        [f"`base_mode`, {codec.SIMULATED_FLAG} ({flags[codec.SIMULATED_FLAG].name})".strip("`"), "simulated"],
+        *(
+            [f"`system_status`, {state} ({states[state].name})".strip("`"), airborne[is_airborne]]
+            for is_airborne, state in codec.AIRBORNE_STATES.items()
+        ),
+    ]
 
 
 def test_docs_modes() -> None:

@@ -392,8 +392,9 @@ def test_where_nobody_arrives_nobody_is_to_blame() -> None:
 def test_who_says_before_the_start_that_it_is_elsewhere_is_named_and_not_commanded(off_m: float) -> None:
     bench = Bench()
     says_that_it_is_off(bench.trackers[2], [0.0, 0.0, off_m])
+    bench.service.override()
     assert bench.run_until(SAMPLING) == pytest.approx(bench.settings.connect_wait_s, abs=0.1)
-    assert bench.reason == "5 trackers are there"
+    assert bench.reason.startswith("5 trackers are there; overridden: tracker 2 ")
     snapshot = bench.service.snapshot()
     assert (snapshot.origin_m, snapshot.spacing_m) == (pytest.approx(tuple(CENTER_M)), pytest.approx(5.0))
     named = f"it says that it is {off_m:.1f} m from where the others say that it must be"
@@ -413,8 +414,9 @@ def test_without_a_formation_that_most_agree_on_it_does_not_begin() -> None:
         "no formation fits most of what trackers say"
     }
     says_that_it_is_off(bench.trackers[0], [0.0, 0.0, 0.0])
+    bench.service.override()
     bench.run_until(SAMPLING)
-    assert bench.reason == "4 trackers are there"
+    assert bench.reason.startswith("4 trackers are there; overridden: tracker 1 place ")
     assert [bool(tracker.left_out) for tracker in bench.service.snapshot().trackers] == [False, True, True] + 3 * [
         False
     ]
@@ -449,6 +451,7 @@ def test_one_of_only_four_that_are_heard_lies(lie: str, minimum_trackers: int) -
     settings = dataclasses.replace(BY_OPERATOR, minimum_trackers=minimum_trackers)
     bench = Bench(service_settings=settings)
     bench.trackers[1].hears = bench.trackers[2].hears = False
+    bench.service.override()
     bench.run_until(MOVING)
     if lie == "place":
         says_that_it_is_off(bench.trackers[5], [29.9, 0.0, 0.0])

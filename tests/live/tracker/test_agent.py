@@ -19,9 +19,11 @@ from swarmchase.live.link.messages import (
     Heartbeat,
     Message,
     Metres,
+    Notice,
     PositionReport,
     RssiWindow,
     SetPoint,
+    Severity,
     TrackerMode,
 )
 from swarmchase.live.stop_request import StopRequest
@@ -64,7 +66,14 @@ class FakeVehicle:
         self.position_m: Metres | None = (1.0, 2.0, 3.0)
         self.velocity_mps: Metres = (0.1, 0.2, 0.3)
         self.mode = HOLDING
+        self.position_age_s = 0.0
+        self.state = FLYING
+        self.lines: list[tuple[Severity, str]] = []
         self.orders: list[Metres | str] = []
+
+    def said(self) -> list[tuple[Severity, str]]:
+        lines, self.lines = self.lines, []
+        return lines
 
     def go_to(self, position_m: Metres) -> None:
         self.orders.append(position_m)
@@ -321,6 +330,39 @@ def test_the_last_word_is_the_same_in_any_order(order: list[int], repeats: list[
         situation.hear(float(number), sent_s=epoch * 77.0 + place * 0.01, epoch=epoch)
     assert situation.places()[-1] == 11
     assert situation.places() == sorted(set(situation.places()), key=float)
+
+
+# What it says of its vehicle
+
+
+def test_a_position_is_dated_by_when_it_was_true() -> None:
+    """Telemetry twice a second: what was true .4 s ago is not news."""
+    situation = Situation()
+    situation.fake.position_age_s = 0.4
+    situation.go_on(1)
+    reports = [message for message in situation.sent(PositionReport) if isinstance(message, PositionReport)]
+    beats = [message for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
+    assert reports[0].time_ns == beats[0].time_ns - 400_000_000
+    assert {beat.vehicle for beat in beats} == {FLYING}
+
+
+def test_lines_for_people_are_cut_repeated_and_bounded() -> None:
+    situation = Situation()
+    situation.fake.lines = [
+        (Severity.CRITICAL, "PreArm: Compass not calibrated \u00e9 and the battery is at 21.6 V already")
+    ]
+    situation.go_on(3)
+    said = [message for message in situation.link.sent if isinstance(message, Notice)]
+    assert [(one.number, one.severity, one.text) for one in said] == 3 * [
+        (1, Severity.CRITICAL, "PreArm: Compass not calibrated ? and the battery"),
+        (2, Severity.CRITICAL, "is at 21.6 V already"),
+    ]
+    situation.link.sent.clear()
+    situation.fake.lines = [(Severity.INFO, f"line {number}") for number in range(1000)]
+    situation.go_on(60)
+    said = [message for message in situation.link.sent if isinstance(message, Notice)]
+    assert {one.text for one in said} == {f"line {number}" for number in range(20)}
+    assert len(said) == 3 * 20
 
 
 # When nobody speaks

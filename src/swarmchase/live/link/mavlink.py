@@ -164,7 +164,7 @@ class ControllerMavlinkLink(_UdpEnd, ControllerLink):
         return bool(select.select([self._socket], [], [], max(seconds, 0.0))[0])
 
     def clocks_ahead_s(self) -> list[float | None]:
-        """Of each tracker: how far its clock was ahead when it last spoke; None where it never did, or does not sign."""
+        """Of each tracker: how far its clock was ahead when it last spoke; None where it never did or does not sign."""
         skew_s = self._timestamps.skew_s
         return [skew_s.get(system_of(tracker)) for tracker in range(NUM_TRACKERS)]
 

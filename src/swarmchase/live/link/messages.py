@@ -150,6 +150,11 @@ class Notice:
             raise InputError(f"a notice is refused: allowed are 1 to {LONGEST_NOTICE} printable ASCII characters")
 
 
+def printable(text: str) -> str:
+    """As notices carry it: one line in which a question mark stands for what is not printable ASCII."""
+    return "".join(one if one.isascii() and one.isprintable() else "?" for one in " ".join(text.split()))
+
+
 @dataclass(frozen=True)
 class SetPoint:
     """Where a tracker is to be. Set-points are the controller's proof of life: they are repeated all the time, and a

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ...scenario import Scenario
-from ..link.messages import TrackerMode
+from ..link.messages import Metres, TrackerMode
 from .chase_state import PreflightCheck, TrackerSnapshot
 from .formation_estimate import ASTRAY_M
 from .limit_values import LimitValues
@@ -46,6 +46,24 @@ def failing(checks: Sequence[PreflightCheck], overridden: bool) -> list[Prefligh
     return [one for one in checks if one.passed is False and not (overridden and one.may_be_overridden)]
 
 
+def beyond_the_fence(scenario: Scenario, limits: LimitValues, center_m: Metres) -> str:
+    """Where a target as far away as the scenario has it may be out of reach from this start; empty: nowhere."""
+    reach_m = scenario.start_distance_m - scenario.success_radius_m
+    x_m, y_m, z_m = center_m
+    rooms_m = {
+        "west": x_m - limits.fence_west_m,
+        "east": limits.fence_east_m - x_m,
+        "south": y_m - limits.fence_south_m,
+        "north": limits.fence_north_m - y_m,
+        "below": z_m - limits.lowest_altitude_m,
+        "above": limits.highest_altitude_m - z_m,
+    }
+    sides = [f"{room_m:.0f} m {side}" for side, room_m in rooms_m.items() if room_m < reach_m]
+    if not sides:
+        return ""
+    return f"the target may be {scenario.start_distance_m:g} m away, and the limits end {', '.join(sides)}"
+
+
 def in_words(checks: Sequence[PreflightCheck]) -> str:
     """For a line on a console."""
     return ", ".join(
@@ -64,7 +82,8 @@ def _of_tracker(
     obeys = None if tracker.mode is None else tracker.mode is not TrackerMode.MANUAL
     mode = "no heartbeat yet" if tracker.mode is None else tracker.mode.name.lower()
     yield PreflightCheck("mode", obeys, mode, number)
-    yield _position_rate(number, tracker)
+    if vehicle is not None and not vehicle.is_simulated:
+        yield _position_rate(number, tracker)
     inside = tracker.position_m is not None and _is_inside(limits, tracker.position_m)
     yield PreflightCheck("inside the fence", inside, "inside" if inside else "outside the fence", number)
     yield PreflightCheck("place", not tracker.left_out, tracker.left_out or "where the others put it", number)
@@ -76,13 +95,14 @@ def _of_tracker(
 
 
 def _position_rate(number: int, tracker: TrackerSnapshot) -> PreflightCheck:
+    """Of the autopilot's telemetry: a simulated vehicle has none."""
     if tracker.position_hz is None:
         return PreflightCheck("positions", False, "only one yet", number)
     often = tracker.position_hz >= LEAST_POSITION_HZ
     return PreflightCheck("positions", often, f"{tracker.position_hz:.1f} a second", number)
 
 
-def _is_inside(limits: LimitValues, position_m: tuple[float, float, float]) -> bool:
+def _is_inside(limits: LimitValues, position_m: Metres) -> bool:
     x_m, y_m, z_m = position_m
     return (
         limits.fence_west_m <= x_m <= limits.fence_east_m

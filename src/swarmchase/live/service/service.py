@@ -27,7 +27,7 @@ from ..link.protocol import ControllerLink
 from .chase_state import UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
-from .preflight import failing, in_words, preflight
+from .preflight import beyond_the_fence, failing, in_words, preflight
 from .safety import Move, SafetyFilter, SafetyLimits
 from .sample_window import Point
 from .settings import ServiceSettings
@@ -172,8 +172,9 @@ class ControllerService:
             self._origin_m = estimate.center_m
             self._swarm.take_stock(may_join=True)
             self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
-            overridden = f"; overridden: {in_words(failed)}" if failed else ""
-            self._go(ChaseState.SAMPLING, f"{number} trackers are there{overridden}")
+            words = [f"{number} trackers are there", f"overridden: {in_words(failed)}" if failed else ""]
+            words.append(beyond_the_fence(self._scenario, self._filter.limits, metres(estimate.center_m)))
+            self._go(ChaseState.SAMPLING, "; ".join(filter(None, words)))
 
     def _preflight(self) -> tuple[PreflightCheck, ...]:
         """As it is now; nothing once the trackers are led."""

@@ -85,11 +85,12 @@ class TrackerRecord:
     @property
     def position_hz(self) -> float | None:
         """How often it said where it was, of late; None of fewer than two positions."""
-        first = (
-            bisect.bisect_left(self._position_ns, self._position_ns[-1] - RATE_OVER_S * 1e9) if self._position_ns else 0
-        )
-        times_ns = self._position_ns[first:]
-        return None if len(times_ns) < 2 else (len(times_ns) - 1) / (times_ns[-1] - times_ns[0]) * 1e9
+        if len(self._position_ns) < 2:
+            return None
+        newest_ns = self._position_ns[-1]
+        times_ns = self._position_ns[bisect.bisect_left(self._position_ns, newest_ns - round(RATE_OVER_S * 1e9)) :]
+        # Two of one moment do not make a rate.
+        return (len(times_ns) - 1) / max((newest_ns - times_ns[0]) / 1e9, RATE_OVER_S / 4)
 
     def position_age_s(self, now_ns: int) -> float:
         """Of its newest position; infinite without any."""

@@ -15,8 +15,18 @@ from dataclasses import dataclass
 from ...errors import InputError
 from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
-from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
+from ..link.messages import (
+    Heartbeat,
+    Message,
+    Metres,
+    PositionReport,
+    RssiWindow,
+    SetPoint,
+    Severity,
+    TrackerMode,
+)
 from ..link.protocol import Link
+from .notices import Notices
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
@@ -113,6 +123,7 @@ class TrackerAgent:
         self._sampling_hz = sampling_hz
         self._settings = settings or AgentSettings()
         self._samples = SampleBuffer(sampling_hz)
+        self._notices = Notices(tracker)
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
@@ -149,6 +160,7 @@ class TrackerAgent:
         except Exception as error:
             self.source_failure = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             self.ignored["source failed"] += 1
+            self._notices.put(Severity.ERROR, f"hears nothing any more: {self.source_failure}")
             return []
 
     def _hear(self, message: Message, now_ns: int) -> None:
@@ -193,8 +205,16 @@ class TrackerAgent:
                 self._link.send(PositionReport(self._tracker, taken_ns, position_m, self._vehicle.velocity_mps))
             except InputError:
                 self.ignored["impossible position"] += 1
+        self._report_notices(now_ns)
         if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
             self._link.send(Heartbeat(self._tracker, now_ns, self._mode(), self._vehicle.state))
+
+    def _report_notices(self, now_ns: int) -> None:
+        for severity, text in self._vehicle.said():
+            self._notices.put(severity, text)
+        notice = self._notices.due(now_ns)
+        if notice is not None:
+            self._link.send(notice)
 
     def _mode(self) -> TrackerMode:
         """A vehicle that returns by itself follows nobody."""
