@@ -80,6 +80,7 @@ class VirtualChase:
     Args:
         recorder: is given every transition and decision.
         watch: is given every snapshot after a step of the service.
+        vehicles: are flown; ideal ones, around the origin, where none are given.
     """
 
     def __init__(
@@ -93,6 +94,8 @@ class VirtualChase:
         recorder: Recorder = lambda _entry: None,
         watch: Callable[[Snapshot], None] = lambda _snapshot: None,
         limits: SafetyLimits | None = None,
+        vehicles: list[SimulatedVehicle] | None = None,
+        agent_settings: AgentSettings | None = None,
     ) -> None:
         self.clock = VirtualClock(START_NS)
         """The site's, and the controller's."""
@@ -104,7 +107,8 @@ class VirtualChase:
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
         self._recorder, self._watch = recorder, watch
-        self.site = Site(scenario, seed, chase, self._plan)
+        self._agent_settings = agent_settings or AgentSettings()
+        self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
         self._controller = told_where(controller, self.site.radio.target_m)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
@@ -198,7 +202,7 @@ class VirtualChase:
         link = TrackerMavlinkLink(tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=wall_time_ns, udp=udp)
         vehicle, receiver = _Flown(self.site.vehicles[tracker]), self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
-        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
+        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, self._agent_settings)
 
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
         udp = self.network.controller

@@ -133,7 +133,7 @@ class ControllerService:
         if self.state is not ChaseState.IDLE:
             self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
         self._act()
-        self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
+        self._swarm.stream.advance(elapsed_s, self._swarm.traffic())
         self._speak()
 
     def _act(self) -> None:

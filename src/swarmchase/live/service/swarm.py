@@ -9,10 +9,13 @@ from ..link.messages import Message, Metres, SetPoint
 from .chase_state import TrackerSnapshot
 from .safety import TRACKER_DIRECTION, SafetyLimits
 from .sample_window import Levels, Point, Points
+from .separation import Traffic, stopping_m
 from .set_point_stream import SetPointStream
 from .tracker_record import TrackerRecord
 
-PLACES_OF_A_LOST_TRACKER = 11
+PLACES_OF_A_RELEASED_TRACKER = 11
+STILL_OBEYS_S = 2.0
+"""So long a tracker that is commanded no more may fly on to its last set-point, before it misses the controller."""
 ASTRAY_M = 30.0
 """No movement leaves a tracker this far from its place: what says so has a broken receiver of positions, or lies."""
 
@@ -24,7 +27,8 @@ class Swarm:
         self._window_samples = scenario.window_samples
         self._records = [TrackerRecord(scenario) for _ in range(NUM_TRACKERS)]
         self._left_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
-        """The last set-point of each tracker that got lost: there it holds, if it has heard it."""
+        """The last set-point of each tracker that is commanded no more: there it holds, if it has heard it."""
+        self._released_ns = [0] * NUM_TRACKERS
         self._now_ns = 0
         self.stream = SetPointStream(limits)
         """The set-points."""
@@ -42,8 +46,7 @@ class Swarm:
             was_commanded = self.stream.commanded[tracker]
             may_be_commanded = record.may_be_commanded(self._now_ns)
             if was_commanded and not may_be_commanded:
-                if record.is_lost(self._now_ns):
-                    self._left_m[tracker] = self.stream.set_point_m[tracker]
+                self._left_m[tracker], self._released_ns[tracker] = self.stream.set_point_m[tracker], self._now_ns
                 self.stream.release(tracker)
             elif may_join and may_be_commanded and not was_commanded and record.position_m is not None:
                 self._left_m[tracker] = np.nan
@@ -68,14 +71,32 @@ class Swarm:
         nowhere = np.full(3, np.nan)
         return np.stack([nowhere if record.position_m is None else record.position_m for record in self._records])
 
-    def obstacles_m(self) -> Points:
-        """Where those are that are not commanded [obstacle, 3].
+    def traffic(self) -> Traffic:
+        """What is known of all vehicles, commanded or not."""
+        position_m = self.positions_m()
+        velocity_mps = np.stack([record.velocity_mps for record in self._records])
+        return Traffic(position_m, velocity_mps, self._stop_m(position_m, velocity_mps))
 
-        One that got lost was on its way from where it was last seen to its last set-point, and holds anywhere between.
+    def _stop_m(self, seen_m: Points, velocity_mps: Points) -> Points:
+        """Where those come to rest that are not commanded [tracker, 3].
+
+        One that is lost flew to its last set-point, and so does at first one that was taken over or is left out;
+        whoever is seen is where it can stop.
         """
-        seen_m = self.positions_m()
-        left_m = np.where(np.isfinite(self._left_m), self._left_m, seen_m)
-        between_m = np.linspace(seen_m, left_m, PLACES_OF_A_LOST_TRACKER)[:, ~self.stream.commanded].reshape(-1, 3)
+        on_its_way = [
+            record.is_lost(self._now_ns) or self._now_ns - released_ns < STILL_OBEYS_S * 1e9
+            for record, released_ns in zip(self._records, self._released_ns, strict=True)
+        ]
+        has_left = np.array(on_its_way) & np.isfinite(self._left_m).all(axis=1)
+        return np.where(has_left[:, None], self._left_m, seen_m + stopping_m(velocity_mps))
+
+    def obstacles_m(self) -> Points:
+        """Where those may be that are not commanded [obstacle, 3]: anywhere from where they were last seen to where
+        they come to rest.
+        """
+        traffic = self.traffic()
+        places_m = np.linspace(traffic.position_m, traffic.stop_m, PLACES_OF_A_RELEASED_TRACKER)
+        between_m = places_m[:, ~self.stream.commanded].reshape(-1, 3)
         return np.asarray(between_m[np.isfinite(between_m).all(axis=1)])
 
     def center_and_spacing_m(self) -> tuple[Point, float]:

@@ -31,6 +31,8 @@ class TrackerRecord:
         self._samples = SampleWindow(scenario.sampling_hz, scenario.window_samples)
         self.position_m: Point | None = None
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
+        self.velocity_mps: Point = np.zeros(3)
+        """How fast it was there."""
         self._forget()
 
     def _forget(self) -> None:
@@ -63,6 +65,8 @@ class TrackerRecord:
             return
         self._position_ns.insert(place, message.time_ns)
         self._position_m.insert(place, np.array(message.position_m, dtype=np.float64))
+        if place == len(self._position_ns) - 1:
+            self.velocity_mps = np.array(message.velocity_mps, dtype=np.float64)
         old = bisect.bisect_left(self._position_ns, self._position_ns[-1] - self._kept_ns)
         old = max(old, len(self._position_ns) - MOST_POSITIONS)
         del self._position_ns[:old], self._position_m[:old]
