@@ -1,9 +1,9 @@
 """Situations in which vehicles come near one another, drawn by a seed, and how near they truly came.
 
 The real service, agents, link and vehicles (``VirtualChase``); a controller that wants anything; vehicles that lag,
-brake at 2 to 5 m/s2, are blown about and are wrong about where they are; and at any moment pilots who take over and give
-back, agents that are killed, start again or stand still, links that are cut, a service that hangs or dies, so that all
-return by themselves.
+brake at 2 to 5 m/s2, are blown about and are wrong about where they are; and at any moment pilots who take over and
+give back, agents that are killed, start again or stand still, links that are cut, a service that hangs or dies, so that
+all return by themselves.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from .fault_plan import FaultPlan, ProcessFault, TrackerFault
 from .faulty_path import Faults
 from .virtual_chase import START_NS, VirtualChase
 
-FLIGHT_S = 12.0
+FLIGHT_S = 10.0
 RETURN_AFTER_S = 3.0
 RETURNED_S = 8.0
 """So long after its way back began, at the latest, every tracker is where it began."""
@@ -159,7 +159,7 @@ def fly(one: Situation) -> Encounter:
         nearest_m, pair = _nearest(chase.site.positions_m())
         least = min(least, (nearest_m, seconds, pair))
     evasions = Counter(word for decision in decisions for word in EVASIONS if word in decision.changed)
-    evasions["pulled back"] = chase.service._swarm.stream.pulled_back
+    evasions["pulled back"] = chase.service.snapshot().pulled_back
     limit_m = one.limits.minimum_separation_m
     return Encounter(one.seed, least[0], limit_m, one.margin_m, len(decisions), least[1], least[2], dict(evasions))
 

@@ -106,3 +106,5 @@ class Snapshot:
     """In SAMPLING: the window begins with the first valid sample taken then or later."""
     recorder_failures: int
     """How often the recorder has failed."""
+    pulled_back: int = 0
+    """In how many steps a set-point was pulled back, since somebody had come into its tracker's way."""

@@ -73,7 +73,9 @@ class Ways:
         """Whether these ways may give way to others: none too near, or at least none nearer than before."""
         apart_m = other.apart_m()
         too_near = apart_m < other.needed_m(separation_m)
-        return not too_near.any() or bool((apart_m[too_near] >= self.apart_m()[too_near] - ROUNDING_M).all())
+        if not too_near.any():
+            return True
+        return bool(np.all(apart_m[too_near] >= self.apart_m()[too_near] - ROUNDING_M))
 
     def blocked(self, separation_m: float) -> Flags:
         """Which of the vehicles would come too near to another if both went on, and nearer than they are [tracker]."""
@@ -88,7 +90,7 @@ class Ways:
 def stopping_m(velocity_mps: Points) -> Points:
     """How far vehicles get that are to stop [tracker, 3]."""
     speed_mps = np.linalg.norm(velocity_mps, axis=1, keepdims=True)
-    return velocity_mps * (REACTION_S + speed_mps / (2 * BRAKING_MPS2))
+    return np.asarray(velocity_mps * (REACTION_S + speed_mps / (2 * BRAKING_MPS2)))
 
 
 def _stray_m(way_m: Points, velocity_mps: Points) -> Levels:

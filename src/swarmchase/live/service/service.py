@@ -277,6 +277,7 @@ class ControllerService:
             explanation=self._explanation,
             window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
+            pulled_back=self._swarm.stream.pulled_back,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
