@@ -24,6 +24,7 @@ from .commands.benchmark import (
     BenchmarkEnvironmentCommand,
     BenchmarkLiarsCommand,
     BenchmarkLiveCommand,
+    BenchmarkSeparationCommand,
     BenchmarkSoakCommand,
     BenchmarkTrainingCommand,
 )
@@ -67,6 +68,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark cluster": BenchmarkClusterCommand,
     "benchmark live": BenchmarkLiveCommand,
     "benchmark liars": BenchmarkLiarsCommand,
+    "benchmark separation": BenchmarkSeparationCommand,
     "benchmark soak": BenchmarkSoakCommand,
     "keys": KeysCommand,
     "keys make": KeysCommand,

@@ -122,6 +122,41 @@ class BenchmarkLiarsCommand(_LiveChasesCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchmarkSeparationCommand:
+    """How near vehicles truly come in situations drawn for it: pilots, dead agents, cut links, wind, wrong places."""
+
+    situations: int = 10_000
+    """How many."""
+    seed: int = 0
+    """Of the first; the others follow."""
+    processes: int = 1
+    """One a core."""
+    checkpoint: Path = Path("separation.jsonl")
+    """A line a situation; what is in it is not flown again."""
+    json: bool = False
+    """Print one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Measure and report.
+
+        Raises:
+            InputError: a number that cannot be, or a checkpoint that cannot be written.
+        """
+        from ..benchmarks import separation
+
+        if self.situations < 1 or self.seed < 0 or self.processes < 1:
+            raise InputError("situations must be at least 1, seed at least 0, processes at least 1")
+        with progress_bar("situations", self.situations, "") as show:
+            result = separation.measure(
+                self.situations, self.seed, self.processes, self.checkpoint, lambda flown: show(flown, "", "")
+            )
+        if self.json:
+            print_json(result)
+        else:
+            CONSOLE.print(separation.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchmarkSoakCommand(ScenarioOptions):
     """A live chase in real processes that does not end, with page and log: memory over time, decision time."""
 

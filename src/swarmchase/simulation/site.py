@@ -10,7 +10,7 @@ import torch
 from ..formation import TRACKER_DIRECTION
 from ..live.link.messages import Metres
 from ..live.tracker.sources import Sample
-from ..live.tracker.vehicles import SimulatedVehicle, VehicleLimits
+from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, VehicleFault
 from .radio import Radio
@@ -23,7 +23,7 @@ MOST_SAMPLES_MADE_UP = 100
 
 class Site:
     """Chase ``chase`` of run ``seed``. The swarm hovers around the origin, with the scenario's initial spacing, and
-    hears nothing before ``begin``.
+    hears nothing before ``begin``. ``vehicles`` are flown instead of ideal ones from there.
     """
 
     def __init__(
@@ -32,11 +32,11 @@ class Site:
         seed: int,
         chase: int,
         plan: FaultPlan | None = None,
-        limits: VehicleLimits | None = None,
+        vehicles: list[SimulatedVehicle] | None = None,
     ) -> None:
         self.radio = Radio(scenario, seed, chase)
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
-        self.vehicles = [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
+        self.vehicles = vehicles or [SimulatedVehicle((x_m, y_m, z_m)) for x_m, y_m, z_m in places_m]
         """They fly where they are told, through ``advance``."""
         self.flown = [
             FailingVehicle(vehicle, partial(self._vehicle_fault, tracker))
@@ -84,7 +84,7 @@ class Site:
 
     def positions_m(self) -> list[Metres]:
         """Where the vehicles are."""
-        return [vehicle.position_m for vehicle in self.vehicles]
+        return [vehicle.true_position_m for vehicle in self.vehicles]
 
     def announce(self, since_ns: int, center_m: Metres, spacing_m: float) -> None:
         """The controller's next window is of what is sampled from this moment on, in this formation."""

@@ -17,6 +17,7 @@ from ..live.service.service import ControllerService, Recorder
 from ..live.service.settings import ServiceSettings
 from ..live.tracker.agent import AgentSettings, TrackerAgent
 from ..live.tracker.sources import Sample
+from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 from .site import Site
@@ -78,6 +79,7 @@ class VirtualChase:
     Args:
         recorder: is given every transition and decision.
         watch: is given every snapshot after a step of the service.
+        vehicles: are flown; ideal ones, around the origin, where none are given.
     """
 
     def __init__(
@@ -91,6 +93,8 @@ class VirtualChase:
         recorder: Recorder = lambda _entry: None,
         watch: Callable[[Snapshot], None] = lambda _snapshot: None,
         limits: SafetyLimits | None = None,
+        vehicles: list[SimulatedVehicle] | None = None,
+        agent_settings: AgentSettings | None = None,
     ) -> None:
         self.clock = VirtualClock(START_NS)
         """The site's, and the controller's."""
@@ -102,7 +106,8 @@ class VirtualChase:
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
         self._recorder, self._watch = recorder, watch
-        self.site = Site(scenario, seed, chase, self._plan)
+        self._agent_settings = agent_settings or AgentSettings()
+        self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
         self._controller = told_where(controller, self.site.radio.target_m)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
@@ -203,7 +208,7 @@ class VirtualChase:
         )
         vehicle, receiver = self.site.flown[tracker], self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
-        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
+        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, self._agent_settings)
 
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
         link = ControllerMavlinkLink(

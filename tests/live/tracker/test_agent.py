@@ -27,7 +27,7 @@ from swarmchase.live.link.messages import (
     TrackerMode,
 )
 from swarmchase.live.stop_request import StopRequest
-from swarmchase.live.tracker.agent import AgentSettings, SetPointRule, TrackerAgent
+from swarmchase.live.tracker.agent import BRAKED_S, AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.tracker.loop import run_tracker
 from swarmchase.live.tracker.sources import CalibratedSource, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
@@ -227,7 +227,23 @@ def test_set_points_are_obeyed_in_their_order() -> None:
     assert situation.agent.ignored == {}
     situation.go_on(1)
     modes = [message.mode for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
-    assert modes == [HOLDING, FOLLOWING]
+    # The change is told at once, and 20 times a second for a while.
+    assert modes == [HOLDING] + [FOLLOWING] * 21 + [HOLDING]
+
+
+def test_a_change_of_mode_is_told_at_once_and_again() -> None:
+    """A pilot takes over between two heartbeats: any of 20 datagrams tells it, the first one in the same step."""
+    situation = Situation()
+    situation.go_on(10.3)
+    situation.link.sent.clear()
+    situation.fake.mode = MANUAL
+    changed_s = situation.now_s
+    situation.go_on(3.0)
+    beats = [message for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
+    assert {beat.mode for beat in beats} == {MANUAL}
+    after_s = [beat.time_ns / 1e9 - START_S - changed_s for beat in beats]
+    assert after_s[:20] == pytest.approx([0.05 * number for number in range(1, 21)])
+    assert len(beats) == 20 + 2
 
 
 @pytest.mark.parametrize(
@@ -368,12 +384,14 @@ def test_lines_for_people_are_cut_repeated_and_bounded() -> None:
 # When nobody speaks
 
 
-def test_set_points_expire_and_then_it_returns_to_where_it_first_followed() -> None:
+def test_set_points_expire_and_then_it_returns_the_way_it_came() -> None:
+    """Led 4 m aside in half a second, 60 s later it goes back there as slowly."""
     situation = Situation()
     situation.go_on(1)
     situation.hear(10.0)
-    situation.fake.position_m = (5.0, 2.0, 3.0)
-    situation.go_on(0.5)
+    for step in range(1, 11):
+        situation.fake.position_m = (1.0 + 0.4 * step, 2.0, 3.0)
+        situation.go_on(0.05)
     situation.hear(11.0)
     situation.go_on(0.95)
     assert situation.places() == [10, 11]
@@ -381,17 +399,52 @@ def test_set_points_expire_and_then_it_returns_to_where_it_first_followed() -> N
     assert situation.places() == [10, 11, "hold"]
     situation.go_on(58.95)
     assert situation.places() == [10, 11, "hold"]
-    situation.go_on(0.05)
-    assert situation.fake.orders[3:] == [(1.0, 2.0, 3.0)]
+    situation.go_on(0.1)
+    assert situation.fake.orders[3:] == [(5.0, 2.0, 3.0)]
     situation.link.sent.clear()
-    situation.go_on(100)
+    # A second of silence and five of braking are part of the way.
+    situation.go_on(1.0 + BRAKED_S - 0.1)
     assert len(situation.fake.orders) == 4
+    situation.go_on(0.6)
+    back_m = situation.places()[3:]
+    assert back_m == pytest.approx([5.0 - 0.4 * step for step in range(11)], abs=0.01)
+    assert situation.fake.orders[-1] == (1.0, 2.0, 3.0)
+    situation.go_on(100)
+    assert len(situation.fake.orders) == 3 + 11
     # While it returns by itself, it follows nobody, and would follow the next one.
     assert {message.mode for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)} == {HOLDING}
     situation.hear(12.0)
-    assert situation.places()[4:] == [12]
+    assert situation.places()[14:] == [12]
     situation.go_on(1)
-    assert situation.places()[4:] == [12, "hold"]
+    assert situation.places()[14:] == [12, "hold"]
+
+
+def test_who_is_led_again_on_its_way_back_follows_at_once() -> None:
+    situation = Situation(settings=AgentSettings(return_after_s=2.0))
+    situation.hear(10.0)
+    for step in range(1, 41):
+        situation.fake.position_m = (1.0 + 0.2 * step, 2.0, 3.0)
+        situation.go_on(0.05)
+        situation.hear(10.0)
+    situation.go_on(2.0 + 2.0 + 1.0)
+    assert 1 < situation.fake.orders[-1][0] < 9  # type: ignore[operator]
+    situation.hear(77.0)
+    assert situation.places()[-1] == 77
+    situation.go_on(1.5)
+    assert situation.places()[-2:] == [77, "hold"]
+
+
+def test_a_pilot_on_the_way_back_is_left_alone() -> None:
+    situation = Situation(settings=AgentSettings(return_after_s=2.0))
+    situation.hear(10.0)
+    situation.fake.position_m = (5.0, 2.0, 3.0)
+    situation.go_on(2.1)
+    assert situation.places() == [10, "hold", 5]
+    situation.fake.mode = MANUAL
+    situation.go_on(0.1)
+    situation.fake.mode = HOLDING
+    situation.go_on(100)
+    assert situation.places() == [10, "hold", 5]
 
 
 def test_the_time_of_expiry_counts_from_the_sending() -> None:
@@ -489,7 +542,7 @@ def test_a_chase_with_a_simulated_vehicle() -> None:
     situation.go_on(2.5)
     assert 5 < vehicle.position_m[0] < 15
     assert (vehicle.velocity_mps, vehicle.mode) == ((0, 0, 0), HOLDING)
-    situation.go_on(65)
+    situation.go_on(65 + 20)
     assert vehicle.position_m == (0, 0, 0)
 
 
@@ -619,7 +672,8 @@ def test_when_its_source_fails_the_vehicle_stays_commandable(error: Exception, f
     situation.go_on(7.0)
     situation.hear(5.0)
     assert situation.places() == [5.0]
-    assert [len(situation.sent(kind)) for kind in (PositionReport, Heartbeat)] == [70, 7]
+    # The change of mode is told besides.
+    assert [len(situation.sent(kind)) for kind in (PositionReport, Heartbeat)] == [70, 8]
     last = situation.sent(RssiWindow)[-1]
     assert isinstance(last, RssiWindow)
     assert all(map(math.isnan, last.rssi_dbm))

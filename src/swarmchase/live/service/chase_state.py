@@ -130,3 +130,5 @@ class Snapshot:
     """How often the recorder has failed."""
     preflight: tuple[PreflightCheck, ...] = ()
     """What is looked at before the trackers are led; empty from then on."""
+    pulled_back: int = 0
+    """In how many steps a set-point was pulled back, since somebody had come into its tracker's way."""

@@ -142,7 +142,7 @@ class ControllerService:
             # While it is not known who contradicts the others nobody is told anything: by another frame it flew off.
             self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
-        self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
+        self._swarm.stream.advance(elapsed_s, self._swarm.traffic())
         self._speak()
 
     def _act(self) -> None:
@@ -300,6 +300,7 @@ class ControllerService:
             window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
             preflight=self._preflight(),
+            pulled_back=self._swarm.stream.pulled_back,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:

@@ -12,10 +12,13 @@ from .level_consistency import LevelConsistency
 from .reliability import Reliability
 from .safety import SafetyLimits, formation_m
 from .sample_window import Flags, Levels, Point, Points
+from .separation import Traffic, stopping_m
 from .set_point_stream import SetPointStream
 from .tracker_record import TrackerRecord
 
-PLACES_OF_A_LOST_TRACKER = 11
+PLACES_OF_A_RELEASED_TRACKER = 11
+STILL_OBEYS_S = 2.0
+"""So long a tracker that is commanded no more may fly on to its last set-point, before it misses the controller."""
 FLOWN_MPS = 20.0
 """No tracker is faster, whoever flies it."""
 RETURN_SHARE = 0.5
@@ -29,7 +32,8 @@ class Swarm:
         self._window_samples = scenario.window_samples
         self._records = [TrackerRecord(scenario) for _ in range(NUM_TRACKERS)]
         self._left_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
-        """The last set-point of each tracker that got lost or was left behind: there it holds, if it has heard it."""
+        """The last set-point of each tracker that is commanded no more: there it holds, if it has heard it."""
+        self._released_ns = [0] * NUM_TRACKERS
         self._seen_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
         """Where each was when it was last commanded,"""
         self._seen_ns = [0] * NUM_TRACKERS
@@ -54,8 +58,7 @@ class Swarm:
             was_commanded, is_led = self.stream.commanded[tracker], self._reliability.may_be_commanded[tracker]
             may_be_commanded = is_led and record.may_be_commanded(self._now_ns)
             if was_commanded and not may_be_commanded:
-                if record.is_lost(self._now_ns) or not is_led:
-                    self._left_m[tracker] = self.stream.set_point_m[tracker]
+                self._left_m[tracker], self._released_ns[tracker] = self.stream.set_point_m[tracker], self._now_ns
                 self.stream.release(tracker)
             elif was_commanded and record.position_m is not None:
                 seen_ns = self._now_ns - round(1e9 * record.position_age_s(self._now_ns))
@@ -105,14 +108,33 @@ class Swarm:
         nowhere = np.full(3, np.nan)
         return np.stack([nowhere if record.position_m is None else record.position_m for record in self._records])
 
-    def obstacles_m(self) -> Points:
-        """Where those are that are not commanded [obstacle, 3].
+    def traffic(self) -> Traffic:
+        """What is known of all vehicles, commanded or not."""
+        position_m = self.positions_m()
+        velocity_mps = np.stack([record.velocity_mps for record in self._records])
+        return Traffic(position_m, velocity_mps, self._stop_m(position_m, velocity_mps))
 
-        One that got lost was on its way from where it was last seen to its last set-point, and holds anywhere between.
+    def _stop_m(self, seen_m: Points, velocity_mps: Points) -> Points:
+        """Where those come to rest that are not commanded [tracker, 3].
+
+        One that is lost flew to its last set-point, and so does at first one that was taken over; one that was left
+        behind may be there at any time, whatever it says. Whoever else is seen is where it can stop.
         """
-        seen_m = self.positions_m()
-        left_m = np.where(np.isfinite(self._left_m), self._left_m, seen_m)
-        between_m = np.linspace(seen_m, left_m, PLACES_OF_A_LOST_TRACKER)[:, ~self.stream.commanded].reshape(-1, 3)
+        is_unseen = [
+            record.is_lost(self._now_ns) or self._now_ns - released_ns < STILL_OBEYS_S * 1e9
+            for record, released_ns in zip(self._records, self._released_ns, strict=True)
+        ]
+        on_its_way = np.array(is_unseen) | ~self._reliability.may_be_commanded
+        has_left = on_its_way & np.isfinite(self._left_m).all(axis=1)
+        return np.where(has_left[:, None], self._left_m, seen_m + stopping_m(velocity_mps))
+
+    def obstacles_m(self) -> Points:
+        """Where those may be that are not commanded [obstacle, 3]: anywhere from where they were last seen to where
+        they come to rest.
+        """
+        traffic = self.traffic()
+        places_m = np.linspace(traffic.position_m, traffic.stop_m, PLACES_OF_A_RELEASED_TRACKER)
+        between_m = places_m[:, ~self.stream.commanded].reshape(-1, 3)
         return np.asarray(between_m[np.isfinite(between_m).all(axis=1)])
 
     def formation_estimate(self) -> FormationEstimate:

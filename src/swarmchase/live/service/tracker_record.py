@@ -39,6 +39,8 @@ class TrackerRecord:
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
         self.notices: deque[Notice] = deque(maxlen=KEPT_NOTICES)
         """The newest lines for people, oldest first."""
+        self.velocity_mps: Point = np.zeros(3)
+        """How fast it was there."""
         self._forget()
 
     def _forget(self) -> None:
@@ -77,6 +79,8 @@ class TrackerRecord:
             return
         self._position_ns.insert(place, message.time_ns)
         self._position_m.insert(place, np.array(message.position_m, dtype=np.float64))
+        if place == len(self._position_ns) - 1:
+            self.velocity_mps = np.array(message.velocity_mps, dtype=np.float64)
         old = bisect.bisect_left(self._position_ns, self._position_ns[-1] - self._kept_ns)
         old = max(old, len(self._position_ns) - MOST_POSITIONS)
         del self._position_ns[:old], self._position_m[:old]

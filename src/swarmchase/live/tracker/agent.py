@@ -31,6 +31,12 @@ from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
 from .vehicles.protocol import Vehicle
+from .way_back import WayBack
+
+CHANGE_TOLD_S, CHANGE_TOLD_HZ = 1.0, 20.0
+"""A change of mode is told at once, and for so long so often: datagrams get lost."""
+BRAKED_S = 5.0
+"""So long after it was told to hold every vehicle stands."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ class AgentSettings:
     hold_after_s: float = ranged(1.0, POSITIVE)
     """After the sending of the last set-point the vehicle holds (PX4's COM_OF_LOSS_T)."""
     return_after_s: float = 60.0
-    """After it, the vehicle returns to where it was when it first followed; 0: it never does."""
+    """After it, the vehicle returns the way it came to where it was when it first followed; 0: it never does."""
 
     def __post_init__(self) -> None:
         require_ranges(self)
@@ -127,7 +133,13 @@ class TrackerAgent:
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
-        self._home_m: Metres | None = None
+        self._way_back = WayBack()
+        self._returns_from_ns: int | None = None
+        """The moment, in the past, at which its way back began to be flown, and that of the present, added up; None
+        while it does not return."""
+        self._back_m: Metres | None = None
+        self._told_mode: TrackerMode | None = None
+        self._changed_ns: int | None = None
         self._due_ns: dict[str, int] = {}
 
     def step(self) -> None:
@@ -173,24 +185,40 @@ class TrackerAgent:
         if refusal is not None:
             self.ignored[refusal] += 1
             return
-        if self._home_m is None:
-            self._home_m = self._vehicle.position_m
-        self._sent_ns, self._obeying = self._rule.sent_ns(message, now_ns), True
+        if not self._way_back.has_begun and self._vehicle.position_m is not None:
+            self._way_back.note(now_ns, self._vehicle.position_m)
+        self._sent_ns, self._obeying, self._returns_from_ns = self._rule.sent_ns(message, now_ns), True, None
         self._vehicle.go_to(message.position_m)
 
     def _miss_the_controller(self, now_ns: int) -> None:
         """Hold, and later return, when it has fallen silent."""
         if self._vehicle.mode == TrackerMode.MANUAL:
-            self._sent_ns, self._obeying = None, False
+            self._sent_ns, self._obeying, self._returns_from_ns = None, False, None
+        if self._returns_from_ns is not None:
+            self._go_back(self._returns_from_ns - now_ns)
+        elif self._way_back.has_begun and self._vehicle.position_m is not None:
+            self._way_back.note(now_ns, self._vehicle.position_m)
         if self._sent_ns is None:
             return
         silent_s = (now_ns - self._sent_ns) / 1e9
         if self._obeying and silent_s >= self._settings.hold_after_s:
             self._obeying = False
             self._vehicle.hold()
-        if 0 < self._settings.return_after_s <= silent_s and self._home_m is not None:
-            self._sent_ns = None
-            self._vehicle.go_to(self._home_m)
+        if 0 < self._settings.return_after_s <= silent_s and self._way_back.has_begun:
+            # All that lost it together begin at the same moment, and with the same moment of their ways.
+            stood_s = min(self._settings.return_after_s, self._settings.hold_after_s + BRAKED_S)
+            begins_ns = self._sent_ns + round(self._settings.return_after_s * 1e9)
+            self._returns_from_ns = begins_ns + self._sent_ns + round(stood_s * 1e9)
+            self._sent_ns = self._back_m = None
+
+    def _go_back(self, moment_ns: int) -> None:
+        """Fly to where it was at this moment."""
+        back_m, is_home = self._way_back.back_at(moment_ns)
+        if back_m != self._back_m:
+            self._back_m = back_m
+            self._vehicle.go_to(back_m)
+        if is_home:
+            self._returns_from_ns = None
 
     def _report(self, now_ns: int) -> None:
         if self._is_due("window", self._settings.window_hz, now_ns):
@@ -206,8 +234,17 @@ class TrackerAgent:
             except InputError:
                 self.ignored["impossible position"] += 1
         self._report_notices(now_ns)
-        if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
-            self._link.send(Heartbeat(self._tracker, now_ns, self._mode(), self._vehicle.state))
+        mode = self._mode()
+        if mode is not self._told_mode:
+            self._changed_ns = None if self._told_mode is None else now_ns
+            self._told_mode = mode
+            self._due_ns.pop("heartbeat", None)
+        if self._is_due("heartbeat", self._heartbeat_hz(now_ns), now_ns):
+            self._link.send(Heartbeat(self._tracker, now_ns, mode, self._vehicle.state))
+
+    def _heartbeat_hz(self, now_ns: int) -> float:
+        has_changed = self._changed_ns is not None and now_ns - self._changed_ns < CHANGE_TOLD_S * 1e9
+        return max(CHANGE_TOLD_HZ, self._settings.heartbeat_hz) if has_changed else self._settings.heartbeat_hz
 
     def _report_notices(self, now_ns: int) -> None:
         for severity, text in self._vehicle.said():
