@@ -84,7 +84,7 @@ def test_a_run_leaves_what_it_promises(undisturbed):
     assert booked <= result.environment_steps <= booked + 3 * 12
     assert result.environment_steps == evaluations[-1]["environment_steps"]
     names = {path.name for path in folder.iterdir()}
-    assert names == {"best.safetensors", "resume.safetensors", "training.jsonl", "tensorboard"}
+    assert names == {"best.safetensors", "resume.safetensors", "training.jsonl", "training.lock", "tensorboard"}
 
 
 def test_the_same_run_again_is_the_same_bit_for_bit_and_another_seed_is_not(undisturbed, tmp_path):

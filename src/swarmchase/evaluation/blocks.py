@@ -17,7 +17,7 @@ from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult
 from .table import Evaluation, evaluate
-from .tables import Document, Row, read_table, write_table
+from .tables import Document, Row, checked_row, read_table, write_table
 
 BLOCK_CHASES = 2_500
 """Chases between two saves."""
@@ -98,7 +98,13 @@ class Block:
         ]
 
     def _own_chases(self, rows: list[Row], origin: Document) -> list[ChaseResult] | None:
-        return [ChaseResult(**row) for row in rows] if origin == self.origin else None
+        """None where they are another block's."""
+        if origin != self.origin:
+            return None
+        chases = [checked_row(ChaseResult, row) for row in rows]
+        if [chase.chase for chase in chases] != list(range(self.first_chase, self.first_chase + self.episodes)):
+            raise ValueError("it does not hold the chases that it says")
+        return chases
 
 
 Running = Callable[[int, int, str], None]

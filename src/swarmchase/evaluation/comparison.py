@@ -25,7 +25,7 @@ from .chases import ChaseResult
 from .play import play
 from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
 from .table import Evaluation
-from .tables import Document, Row, read_table, write_table
+from .tables import Document, Row, checked_row, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -237,7 +237,8 @@ def _parsed_results(rows: list[Row], document: Document) -> list[Result]:
     for row in rows:
         number = row.pop("result")
         seed = origins[number]["seed"]
-        chases[number].append(ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
+        where = {"seed": seed, "target_x_m": nowhere, "target_y_m": nowhere, "target_z_m": nowhere}
+        chases[number].append(checked_row(ChaseResult, where | row))
     return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
 
 

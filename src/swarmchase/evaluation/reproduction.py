@@ -23,7 +23,7 @@ from .blocks import Finished, Job, Runner, evaluate_jobs
 from .chases import ChaseResult
 from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 from .table import Evaluation
-from .tables import Document, Row, read_document, read_rows, read_table, write_table
+from .tables import Document, Row, checked_row, read_document, read_rows, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -158,8 +158,8 @@ def _parsed_evaluations(rows: list[Row], _document: Document) -> list[Evaluation
     nowhere = float("nan")
     for row in rows:
         key = (row.pop("controller"), row.pop("sampling_hz"), row.pop("spatial_correlation"))
-        chase = ChaseResult(target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
-        by_cell.setdefault(key, []).append(chase)
+        where = {"target_x_m": nowhere, "target_y_m": nowhere, "target_z_m": nowhere}
+        by_cell.setdefault(key, []).append(checked_row(ChaseResult, where | row))
     return [Evaluation(Cell(*key).scenario, key[0], None, chases[0].seed, chases) for key, chases in by_cell.items()]
 
 
