@@ -212,7 +212,7 @@ def _reason(error: Exception) -> str:
 
 
 class _Table(csv.DictReader):  # type: ignore[type-arg]
-    def __init__(self, file: IO[str]) -> None:
+    def __init__(self, file: io.TextIOWrapper) -> None:
         self._characters = 0
         super().__init__(self._lines(file))
 
@@ -220,7 +220,7 @@ class _Table(csv.DictReader):  # type: ignore[type-arg]
         self._characters = 0
         return super().__next__()
 
-    def _lines(self, file: IO[str]) -> Iterator[str]:
+    def _lines(self, file: io.TextIOWrapper) -> Iterator[str]:
         while line := file.readline(MOST_ROW_CHARACTERS):
             self._characters += len(line)
             if self._characters >= MOST_ROW_CHARACTERS:

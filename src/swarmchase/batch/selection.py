@@ -58,7 +58,7 @@ def pack(batch: Any, prefix: str) -> tuple[dict[str, torch.Tensor], dict[str, An
 
 
 def unpack(like: Batch, prefix: str, tensors: dict[str, torch.Tensor], positions: dict[str, Any]) -> Batch:
-    """The batch that ``pack`` took apart; ``like`` is any batch of the same form.
+    """The batch that ``pack`` took apart; ``like`` is any batch of the same form and length.
 
     Raises:
         InputError: a part is missing, or is not of the form of ``like``.

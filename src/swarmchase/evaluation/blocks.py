@@ -22,6 +22,8 @@ from .tables import Document, Row, checked_row, read_table, write_table
 BLOCK_CHASES = 2_500
 """Chases between two saves."""
 
+Unkept = Callable[[InputError], None]
+"""Is told why a block could not be kept; the work goes on without."""
 Finished = Callable[[int, int, str], None]
 """Is told the chases that have ended in all, how many of them an earlier run had left, and the job at work."""
 
@@ -154,13 +156,15 @@ def evaluate_jobs(
     processes: int,
     finished: Finished | None = None,
     runner: Runner | None = None,
+    unkept: Unkept | None = None,
 ) -> list[Evaluation]:
     """Chases 0, 1, ... of the seed for every job, in their order; those of finished blocks are read from ``folder``.
 
     They run in processes of this machine, or by ``runner`` where that is given.
 
     Raises:
-        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work.
+        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work. Or
+            the disk gets full and there is no ``unkept`` to tell.
         WorkerDiedError: a process was killed.
     """
     for job in jobs:
@@ -177,8 +181,13 @@ def evaluate_jobs(
         if kept is not None:
             count.block_ended(block, found=True)
     for block, result in (runner or in_processes(processes))(list(missing), count.running):
-        block.save(result, missing[block])
         chases[block] = result
+        try:
+            block.save(result, missing[block])
+        except InputError as error:
+            if unkept is None:
+                raise
+            unkept(error)
         count.block_ended(block, found=False)
     return [
         Evaluation(
