@@ -220,6 +220,6 @@ def test_a_row_of_a_table_has_only_so_many_characters_however_many_lines(tmp_pat
 
 def test_a_long_table_of_short_rows_is_read(tmp_path: Path) -> None:
     path = tmp_path / "it.csv"
-    count = MOST_ROW_CHARACTERS // 5
-    path.write_text("time_s,rssi_dbm\n" + "".join(f"{second},-60\n" for second in range(count)))
+    count = MOST_ROW_CHARACTERS // 10
+    path.write_text("time_s,rssi_dbm\n" + "".join(f"{second},-60.000000\n" for second in range(count)))
     assert sum(1 for _ in csv_rows(path)) == count

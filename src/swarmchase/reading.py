@@ -113,7 +113,8 @@ def opened_table(path: Path, kind: str) -> Iterator["csv.DictReader[str]"]:
     """
     with opened(path, kind) as file:
         try:
-            yield _Table(io.TextIOWrapper(file, encoding="utf-8", errors="replace", newline=""))
+            with io.TextIOWrapper(file, encoding="utf-8", errors="replace", newline="") as text:
+                yield _Table(text)
         except csv.Error as error:
             raise InputError(f"cannot read {kind} {path}: {error}") from error
 
