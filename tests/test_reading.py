@@ -1,5 +1,6 @@
 """Files from outside are read within bounds: what is no regular file, too long, too deep or no number is one line."""
 
+import json
 import os
 import subprocess
 import sys
@@ -223,3 +224,18 @@ def test_a_long_table_of_short_rows_is_read(tmp_path: Path) -> None:
     count = MOST_ROW_CHARACTERS // 10
     path.write_text("time_s,rssi_dbm\n" + "".join(f"{second},-60.000000\n" for second in range(count)))
     assert sum(1 for _ in csv_rows(path)) == count
+
+
+def test_real_files_damaged_at_random_are_read_or_refused_and_nothing_else() -> None:
+    """More: python tests/file_fuzz.py EXAMPLES SEED, or FILE_FUZZ_EXAMPLES=1000 for this test."""
+    examples = int(os.environ.get("FILE_FUZZ_EXAMPLES", "40"))
+    program = Path(__file__).with_name("file_fuzz.py")
+    ran = subprocess.run(
+        [sys.executable, str(program), str(examples), "0"], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert all(sum(counts.values()) == examples for counts in found.values())
+    # The damage is neither so small that all is read nor so large that nothing but the first byte is looked at.
+    assert all(counts.get("refused", 0) > 0 for kind, counts in found.items() if kind not in {"csv", "pcap"})
+    assert all(found[kind].get("read", 0) > 0 for kind in ("weights", "training log", "log", "csv", "json", "pcap"))

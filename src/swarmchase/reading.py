@@ -182,6 +182,7 @@ def _require_within(document: Any, bounds: Bounds) -> None:
     """Level by level: recursion would have a limit of its own."""
     level = [document]
     for _ in range(bounds.most_levels):
+        _require_plain(level, bounds)
         following: list[Any] = []
         for value in level:
             if isinstance(value, dict):
@@ -189,23 +190,24 @@ def _require_within(document: Any, bounds: Bounds) -> None:
                 following.extend(value.values())
             elif isinstance(value, list):
                 following.extend(value)
-            else:
-                _require_plain(value, bounds)
         level = following
     if level:
         raise DocumentError(f"it has values within values on more than {bounds.most_levels} levels")
 
 
-def _require_plain(value: Any, bounds: Bounds) -> None:
-    if isinstance(value, float) and bounds.is_finite and not math.isfinite(value):
-        raise DocumentError(f"it holds {value}, which is no finite number")
-    if isinstance(value, int) and value.bit_length() > LARGEST_WHOLE_BITS:
+def _require_plain(values: list[Any], bounds: Bounds) -> None:
+    if bounds.is_finite:
+        strange = [value for value in values if isinstance(value, float) and not math.isfinite(value)]
+        if strange:
+            raise DocumentError(f"it holds {strange[0]}, which is no finite number")
+    if any(value.bit_length() > LARGEST_WHOLE_BITS for value in values if isinstance(value, int)):
         raise DocumentError(f"it holds a whole number of more than {LARGEST_WHOLE_BITS} bits")
-    if isinstance(value, str) and not value.isascii():
-        try:
-            value.encode()
-        except UnicodeEncodeError:  # JSON can say halves of characters, which nobody can print
-            raise DocumentError("it holds a text that is no Unicode") from None
+    try:
+        for value in values:
+            if isinstance(value, str):
+                value.encode()
+    except UnicodeEncodeError:  # JSON can say halves of characters, which nobody can print
+        raise DocumentError("it holds a text that is no Unicode") from None
 
 
 def _reason(error: Exception) -> str:

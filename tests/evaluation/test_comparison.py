@@ -27,8 +27,8 @@ from swarmchase.evaluation.comparison import (
     paired_difference,
     places,
     read_results,
-    save_results,
     resampled_differences_p90,
+    save_results,
     summaries,
     timed_decisions_ms,
 )

@@ -94,7 +94,7 @@ def is_gone(pid):
 
 def one_line(capsys):
     """Of a refusal, which says it is ours."""
-    (line,) = [line for line in capsys.readouterr().err.split("swarmchase: ")[1:]]
+    _, line = capsys.readouterr().err.split("swarmchase: ")
     return " ".join(line.split())
 
 
