@@ -138,7 +138,7 @@ def _parameters(tensors: dict[str, torch.Tensor], settings: TrainingSettings) ->
 
 def _agents(tensors: dict[str, torch.Tensor], streams: Any, num_agents: int) -> list[AgentSnapshot]:
     """Each agent looks at its own when it is restored."""
-    if not isinstance(streams, list) or len(streams) not in {0, num_agents}:
+    if not isinstance(streams, list) or len(streams) != num_agents or not all(isinstance(its, dict) for its in streams):
         raise InputError(f"it must hold {num_agents} agents")
     return [
         AgentSnapshot(
@@ -148,7 +148,9 @@ def _agents(tensors: dict[str, torch.Tensor], streams: Any, num_agents: int) -> 
     ]
 
 
-def _evaluation(form: dict[str, Any]) -> AuxiliaryEvaluation:
+def _evaluation(form: Any) -> AuxiliaryEvaluation:
+    if not isinstance(form, dict) or not isinstance(form.get("p90_by_scenario"), list):
+        raise InputError("its best evaluation is none")
     evaluation = AuxiliaryEvaluation(**form)
     checked_number("update", evaluation.update, AT_LEAST_ZERO, whole=True)
     checked_number("success_rate", evaluation.success_rate, SHARE)
