@@ -23,6 +23,7 @@ from swarmchase.commands import options, train
 from swarmchase.commands.terminal import progress_bar
 from swarmchase.controllers import ActionChoice, controller_names
 from swarmchase.evaluation.table import evaluate
+from swarmchase.evaluation.tables import read_rows
 from swarmchase.networks.actor_critic import SwarmNetworks
 from swarmchase.networks.weights import save_weights
 from swarmchase.scenario import paper_scenario
@@ -278,21 +279,23 @@ def test_refusals_are_one_line_for_a_script_too(tmp_path: Path, encoding: str) -
 
 
 @pytest.mark.parametrize("full", ["table", "standard output"])
-def test_a_full_disk_is_one_line(full: str, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_line_and_costs_nothing_else(full: str, tmp_path: Path) -> None:
+    """What was found out is in the other place."""
     words = ["evaluate", "--controller", "random", "--episodes", "1", "--scenario-file", "short.toml", "--json"]
+    words += ["--table", "table.parquet"]
     (tmp_path / "short.toml").write_text("max_movements = 1\n")
     program = (
         "import errno, os, sys\n"
         "def full(_descriptor):\n"
         "    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
-        "if '--table' in sys.argv:\n"
+        "if sys.argv[1] == 'table':\n"
         "    os.fsync = full\n"
         "from swarmchase.cli import main\n"
-        "main(sys.argv[1:])\n"
+        "main(sys.argv[2:])\n"
     )
     with open("/dev/full", "w") as dev_full:
         ran = subprocess.run(
-            [sys.executable, "-c", program, *words, *(["--table", "table.parquet"] if full == "table" else [])],
+            [sys.executable, "-c", program, full, *words],
             stdout=subprocess.PIPE if full == "table" else dev_full,
             stderr=subprocess.PIPE,
             text=True,
@@ -304,8 +307,11 @@ def test_a_full_disk_is_one_line(full: str, tmp_path: Path) -> None:
     assert ran.stderr.splitlines()[-1] == f"swarmchase: cannot write {where}: No space left on device"
     assert "Traceback" not in ran.stderr
     assert "Exception ignored" not in ran.stderr
-    assert not ran.stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
+    if full == "table":
+        assert json.loads(ran.stdout)["episodes"] == 1
+        assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
+    else:
+        assert len(read_rows(tmp_path / "table.parquet", "table")) == 1
 
 
 # --- Ctrl-C ----------------------------------------------------------------------------------------------------------

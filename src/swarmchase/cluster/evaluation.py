@@ -21,6 +21,7 @@ from ..controllers import controller_names
 from ..errors import WorkerDiedError
 from ..evaluation.blocks import Block, Runner, Running, run_block
 from ..evaluation.chases import ChaseResult
+from ..networks.weights import read_weights
 from .connection import Cluster, own_error
 from .software import installed, require_same_software
 
@@ -110,7 +111,7 @@ def _result(ray: Any, done: Any, part: Block) -> list[ChaseResult]:
 
 def _own_weights(controller: str) -> bytes | None:
     """A weights file that only this machine has; None for a controller that comes with the package."""
-    return None if controller in controller_names() else Path(controller).read_bytes()
+    return None if controller in controller_names() else read_weights(Path(controller))
 
 
 def _chases(

@@ -13,9 +13,10 @@ from ..files import require_writable_file
 from ..reports.intervals import shown_interval
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
-from .terminal import CONSOLE, explain_choice, print_json, progress_bar
+from .terminal import CONSOLE, explain_choice, print_json, progress_bar, refusals_held_back
 
 if TYPE_CHECKING:
+    from ..evaluation.blocks import Unkept
     from ..evaluation.table import Evaluation
 
 
@@ -42,15 +43,23 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """Print one JSON object on standard output."""
 
     def run(self) -> None:
-        """Evaluate and report."""
+        """Evaluate, report and write."""
         scenario = self.scenario()
         explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)
-        result = self._evaluated_here(scenario) if self.cluster is None else self._evaluated_on_cluster(scenario)
-        if self.table is not None:
-            result.save_parquet(self.table)
-        summary = result.summary()
+        with refusals_held_back() as hold_back:
+            if self.cluster is None:
+                result = self._evaluated_here(scenario)
+            else:
+                result = self._evaluated_on_cluster(scenario, hold_back)
+            try:
+                self._report(result.summary())
+            finally:
+                if self.table is not None:
+                    result.save_parquet(self.table)
+
+    def _report(self, summary: dict[str, Any]) -> None:
         if self.json:
             print_json(summary)
         else:
@@ -76,7 +85,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
                 finished,
             )
 
-    def _evaluated_on_cluster(self, scenario: Scenario) -> "Evaluation":
+    def _evaluated_on_cluster(self, scenario: Scenario, unkept: "Unkept") -> "Evaluation":
         from ..controllers.shipped import setting_name
         from ..evaluation.blocks import Job, evaluate_jobs, file_name
 
@@ -89,7 +98,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
             def finished(chases: int, found: int, _job: str) -> None:
                 show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", "")
 
-            return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner)[0]
+            return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner, unkept)[0]
 
 
 def summary_table(summaries: list[dict[str, Any]]) -> Table:

@@ -38,6 +38,20 @@ def warn(line: str) -> None:
 
 
 @contextlib.contextmanager
+def refusals_held_back() -> Iterator[Callable[[InputError], None]]:
+    """Gives a function that takes why something could not be written: what is found out is not to be lost with it. The
+    first is raised when the block has ended.
+
+    Raises:
+        InputError: what was held back.
+    """
+    held: list[InputError] = []
+    yield held.append
+    if held:
+        raise held[0]
+
+
+@contextlib.contextmanager
 def line_printer() -> Iterator[Callable[[str], None]]:
     """Gives a function that prints a line on standard error and never waits: a terminal that is stopped (Ctrl-S) or
     gone must not stop what flies. Lines that it does not take are lost; the block's end waits a moment for the rest.

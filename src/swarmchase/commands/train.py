@@ -77,9 +77,12 @@ class _TrainOptions:
                 f"Best, in {result.weights}: 90th percentile {result.best.movements_p90:g}, "
                 f"mean {result.best.movements_mean:.1f} movements after {result.best.update} updates"
             )
-            self._draw()
-        if self.json:
-            print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
+        try:
+            if self.json:
+                print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
+        finally:
+            if result.best is not None:
+                self._draw()
 
     def _draw(self) -> None:
         """The learning curves, from the run's log."""

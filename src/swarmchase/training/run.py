@@ -19,7 +19,7 @@ from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, AuxiliaryEvaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks
-from .run_folder import ResumePoint, RunFolder, TrainingLog
+from .run_folder import ResumePoint, RunFolder, TrainingLog, holds_run
 from .settings import Schedule, TrainingSettings, training_seed
 
 
@@ -195,18 +195,19 @@ def open_run(
     """A new run, or the one in ``folder`` gone on with; Ctrl-C asks it to stop instead of tearing it down.
 
     Raises:
-        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true.
+        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true;
+            or another training is at work in it.
     """
     start = None if resume else _start(settings)  # before the folder is made: its weights file may be missing
-    run_folder = RunFolder(folder, scenarios, settings)
-    if run_folder.has_resume_point and not resume:
-        raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
-    if resume and not run_folder.has_resume_point:
+    if resume and not holds_run(folder):
         raise InputError(f"folder {folder} holds no run to resume")
-    point = run_folder.load() if start is None else start
-    run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, device)
-    with contextlib.closing(run), _interrupt(run.interrupt):
-        yield run
+    with contextlib.closing(RunFolder(folder, scenarios, settings)) as run_folder:
+        if holds_run(folder) and not resume:
+            raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
+        point = run_folder.load() if start is None else start
+        run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, device)
+        with contextlib.closing(run), _interrupt(run.interrupt):
+            yield run
 
 
 def _start(settings: TrainingSettings) -> ResumePoint:

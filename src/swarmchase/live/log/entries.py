@@ -16,6 +16,7 @@ import numpy as np
 from ... import __version__
 from ...controllers import weights_sha256
 from ...errors import InputError
+from ...reading import Bounds, DocumentError, parsed_json
 from ...scenario import NUM_TRACKERS, Scenario
 from ..frame import Frame
 from ..service.chase_state import ChaseState, Decision, Transition
@@ -208,6 +209,9 @@ def to_json(form: HeadForm | TransitionForm | DecisionForm | LossForm | Frame) -
 
 # From JSON
 
+MESSAGE_BOUNDS = Bounds(most_bytes=16 * 2**20, most_values=2**20)
+"""Of one message: a decision on the longest window that a scenario may have needs a quarter of it."""
+
 
 def from_json(data: bytes, form: Callable[..., _Form]) -> _Form:
     """One message of this form.
@@ -216,9 +220,9 @@ def from_json(data: bytes, form: Callable[..., _Form]) -> _Form:
         InputError: it has another form, or is no JSON.
     """
     try:
-        value: _Form = json.loads(data)
-    except (ValueError, RecursionError):
-        raise InputError("a message is no JSON") from None
+        value: _Form = parsed_json(data, MESSAGE_BOUNDS)
+    except DocumentError as error:
+        raise InputError(f"a message is no JSON within bounds: {error}") from None
     if not form_check(form)(value):
         raise InputError(f"a message is no {form.__name__}")
     return value

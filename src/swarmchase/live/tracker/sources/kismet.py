@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
+from ....reading import read_bytes
 from .kind import SourceDetails, SourceKind
 from .pcap import mac_address
 from .protocol import Sample
 
 MOST_WAITING = 100
 LARGEST_ANSWER_BYTES = 1_000_000
+MOST_TOKEN_BYTES = 4096
 TIMEOUT_S = 2.0
 _FIELDS = {
     "rssi_dbm": "kismet.device.base.signal/kismet.common.signal.last_signal",
@@ -124,10 +126,10 @@ def _open(url: str, details: SourceDetails) -> KismetSource:
 def _token(path: Path | None) -> str | None:
     if path is None:
         return None
-    try:
-        return path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the token in {path}: {getattr(error, 'strerror', None) or error}") from None
+    content = read_bytes(path, "token", MOST_TOKEN_BYTES)
+    if not content.isascii():
+        raise InputError(f"cannot read token {path}: it is no ASCII text")
+    return content.decode("ascii").strip()
 
 
 KIND = SourceKind(scheme="kismet", place="URL", open=_open)

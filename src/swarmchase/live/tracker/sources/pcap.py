@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ....errors import InputError
+from ....reading import open_descriptor, opened, refused
 from .kind import SourceDetails, SourceKind
 from .protocol import Row, Sample
 from .radiotap import parse_radiotap
@@ -122,10 +123,8 @@ class PcapSource:
     def __init__(self, path: Path, transmitter: str | None = None) -> None:
         self._parser = PcapParser(transmitter)
         self._clock = SenderClock()
-        try:
-            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        with refused(path, "capture"):
+            self._descriptor = open_descriptor(path, _can_be_captured_to)
         # What a file holds already is not how strong the signal is now.
         while stat.S_ISREG(os.fstat(self._descriptor).st_mode) and (found := os.read(self._descriptor, READ_BYTES)):
             self._parser.feed(found)
@@ -162,13 +161,10 @@ def pcap_rows(path: Path, transmitter: str | None = None) -> Iterator[Row]:
         InputError: the file cannot be read, or is no capture with radiotap headers.
     """
     parser = PcapParser(transmitter)
-    try:
-        with open(path, "rb") as file:
-            while chunk := file.read(READ_BYTES):
-                for time_ns, level_dbm in parser.feed(chunk):
-                    yield time_ns / 1e9, level_dbm
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    with opened(path, "recording") as file:
+        while chunk := file.read(READ_BYTES):
+            for time_ns, level_dbm in parser.feed(chunk):
+                yield time_ns / 1e9, level_dbm
 
 
 def transmitter_address(frame: bytes) -> bytes | None:
@@ -194,6 +190,10 @@ def mac_address(text: str) -> bytes:
     if len(address) != 6 or any(len(part) != 2 for part in parts):
         raise InputError(f"{text!r} is refused: allowed is a MAC address, aa:bb:cc:dd:ee:ff")
     return address
+
+
+def _can_be_captured_to(mode: int) -> bool:
+    return stat.S_ISREG(mode) or stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
 
 
 def _open(place: str, details: SourceDetails) -> PcapSource:

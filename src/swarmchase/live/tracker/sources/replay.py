@@ -4,8 +4,6 @@ A recording is rows of (seconds, dBm): ``csv_rows`` reads them from a table, ``j
 (the form of BirdsEye and GamutRF logs), ``pcap.pcap_rows`` from a capture of packets.
 """
 
-import csv
-import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -13,9 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
+from ....ranges import shown
+from ....reading import Bounds, opened_table, read_json
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
 from .protocol import MOST_PER_READ, Row, Sample
+
+RECORDING_BOUNDS = Bounds(most_bytes=64 * 2**20, most_values=2**21, is_finite=False)
+"""Of a JSON recording, which is held in memory. What is no number in it is a missing sample."""
 
 
 class ReplaySource:
@@ -81,20 +84,14 @@ def csv_rows(
     Raises:
         InputError: the file cannot be read, or lacks a column.
     """
-    try:
-        with open(path, newline="", encoding="utf-8", errors="replace") as file:
-            table = csv.DictReader(file)
-            for column in [rssi_column] + ([time_column] if time_column else []):
-                if column not in (table.fieldnames or []):
-                    raise InputError(f"{path} has no column {column!r}: it has {', '.join(table.fieldnames or [])}")
-            for number, fields in enumerate(table):
-                time_s = _number(fields[time_column]) if time_column else number * interval_s
-                if math.isfinite(time_s):
-                    yield time_s, to_dbm(_number(fields[rssi_column]))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except csv.Error as error:
-        raise InputError(f"cannot read {path}: {error}") from error
+    with opened_table(path, "recording") as table:
+        for column in [rssi_column] + ([time_column] if time_column else []):
+            if column not in (table.fieldnames or []):
+                raise InputError(f"{path} has no column {column!r}: it has {shown(table.fieldnames or [])}")
+        for number, fields in enumerate(table):
+            time_s = _number(fields[time_column]) if time_column else number * interval_s
+            if math.isfinite(time_s):
+                yield time_s, to_dbm(_number(fields[rssi_column]))
 
 
 def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") -> Iterator[Row]:
@@ -103,12 +100,7 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     Raises:
         InputError: the file cannot be read, or is no such object.
     """
-    try:
-        loaded = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON: {error}") from error
+    loaded = read_json(path, "recording", RECORDING_BOUNDS)
     records = loaded.values() if isinstance(loaded, dict) else loaded if isinstance(loaded, list) else []
     rows = [
         (_number(record.get(time_field)), _number(record.get(rssi_field)))
