@@ -80,6 +80,7 @@ class VirtualChase:
     Args:
         recorder: is given every transition and decision.
         watch: is given every snapshot after a step of the service.
+        starts: at once; otherwise when ``service.start`` is called.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class VirtualChase:
         recorder: Recorder = lambda _entry: None,
         watch: Callable[[Snapshot], None] = lambda _snapshot: None,
         limits: SafetyLimits | None = None,
+        starts: bool = True,
     ) -> None:
         self.clock = VirtualClock(START_NS)
         """The site's, and the controller's."""
@@ -103,7 +105,7 @@ class VirtualChase:
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
-        self._recorder, self._watch = recorder, watch
+        self._recorder, self._watch, self._starts = recorder, watch, starts
         self.site = Site(scenario, seed, chase, self._plan)
         self.site.begin(START_NS)
         self._controller = told_where(controller, self.site.radio.target_m)
@@ -215,7 +217,8 @@ class VirtualChase:
             self._chase,
             self._settings,
         )
-        service.start()
+        if self._starts:
+            service.start()
         return link, service
 
     def _seconds(self) -> float:

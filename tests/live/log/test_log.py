@@ -37,6 +37,8 @@ from swarmchase.controllers import load_controller
 from swarmchase.controllers.protocol import Controller
 from swarmchase.errors import InputError
 from swarmchase.formation import Action
+from swarmchase.live.alarms import Alarm, Severity
+from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame, frame_of
 from swarmchase.live.log import recorder as recorder_module
 from swarmchase.live.log import verification as verification_module
@@ -98,7 +100,10 @@ def a_decision(number: int = 1, scenario: Scenario = SHORT, spacing_m: float = 3
 def a_frame(number: int = 0) -> Frame:
     bench = Bench()
     bench.run_until(ChaseState.MOVING)
-    frame = frame_of(bench.service.snapshot(), 0, [(10.0, -20.0, 30.0)], [0.1] * 5 + [None], Counter(), 0.001, [])
+    events = Events(lambda _snapshot: [Alarm("log", "the log has lost 3 frames")])
+    snapshot = bench.service.snapshot()
+    events(snapshot)
+    frame = frame_of(snapshot, 0, [(10.0, -20.0, 30.0)], [0.1] * 5 + [None], Counter(), 0.001, events)
     frame["time_s"] = float(number)
     return frame
 
@@ -417,7 +422,8 @@ def changed_head(**changes: Any) -> bytes:
         (HEAD_TOPIC, b"\xff", "a message is no JSON"),
         (HEAD_TOPIC, b"[" * 200_000, "a message is no JSON"),
         (HEAD_TOPIC, b"9" * 5_000, "a message is no JSON"),
-        (HEAD_TOPIC, changed_head(layout=2), "its layout is 2; this version reads 1"),
+        (HEAD_TOPIC, changed_head(layout=3), "its layout is 3; this version reads 1 to 2"),
+        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 2"),
         (HEAD_TOPIC, changed_head(scenario={"window_samples": -1}), "window_samples = -1 is refused"),
         (HEAD_TOPIC, changed_head(scenario={"gravity": 9.81}), "scenario has no field 'gravity'"),
         (HEAD_TOPIC, changed_head(limits={"mood": 1.0}), "there is no limit 'mood'"),
@@ -597,7 +603,8 @@ while recorder.failure is None:
 recorder.record(a_transition())
 recorder.record_frame(frame)
 recorder.close()
-print(json.dumps([told, recorder.failure, recorder.lost_entries, recorder.lost_frames, recorder.alarms]))
+alarms = [alarm.text for alarm in recorder.alarms]
+print(json.dumps([told, recorder.failure, recorder.lost_entries, recorder.lost_frames, alarms]))
 """
 
 
@@ -608,7 +615,7 @@ def test_a_disk_that_gets_full_is_an_alarm_and_no_more(tmp_path: Path) -> None:
     assert (ran.returncode, ran.stderr) == (0, "")
     told, failure, lost_entries, lost_frames, alarms = json.loads(ran.stdout)
     assert failure == "cannot write the log: File too large"
-    assert alarms == [f"{failure}; 1 frames and {lost_entries} transitions and decisions are lost"]
+    assert alarms == [f"{failure}; 1 frames and {lost_entries} transitions, decisions and events are lost"]
     recording = read_recording(path)
     assert recording.is_cut
     assert 0 < len(recording.decisions) == told + 1 - lost_entries
@@ -653,7 +660,9 @@ def test_on_a_slow_disk_frames_are_lost_first_and_nobody_waits(slow_file: SlowFi
     for _ in range(7):
         recorder.record(a_transition())
     assert (recorder.lost_frames, recorder.lost_entries, recorder.failure) == (50, 7, None)
-    assert recorder.alarms == ["the log has lost 50 frames and 7 transitions and decisions"]
+    assert [alarm.text for alarm in recorder.alarms] == [
+        "the log has lost 50 frames and 7 transitions, decisions and events"
+    ]
     slow_file.answers.set()
     recorder.close()
     assert recorder.failure is None
@@ -662,7 +671,7 @@ def test_on_a_slow_disk_frames_are_lost_first_and_nobody_waits(slow_file: SlowFi
     assert recording.num_frames == MOST_WAITING_FRAMES
     told = range(MOST_WAITING - MOST_WAITING_FRAMES + 1)
     assert [transition.time_ns for transition in recording.transitions] == [BEGAN_NS + number for number in told]
-    assert verify(recording).doubts == ("the recorder has lost 7 transitions and decisions",)
+    assert verify(recording).doubts == ("the recorder has lost 7 transitions, decisions and events",)
 
 
 def test_a_disk_that_never_answers_does_not_keep_the_process(

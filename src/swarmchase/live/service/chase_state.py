@@ -1,8 +1,10 @@
 """What a live chase is doing: its states, what is recorded of it, and what a page shows."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
+from ...controllers.condition import Condition
 from ...controllers.explanation import Explanation
 from ..link.messages import Metres, TrackerMode
 from .sample_window import Levels, Points
@@ -29,6 +31,8 @@ class ChaseState(Enum):
     """Told to stay, then told nothing any more: their own fallback takes over."""
 
 
+ENDED = frozenset({ChaseState.REACHED, ChaseState.LOST, ChaseState.ABORTED})
+"""In these a chase has a result."""
 UNDER_WAY = frozenset({ChaseState.CONNECTING, ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.HOLDING})
 """From these a chase can still be held or declared reached."""
 
@@ -81,6 +85,24 @@ class TrackerSnapshot:
     """Of its last window."""
     rssi_dbm: tuple[float, ...]
     """Its last window, oldest first; NaN where nothing valid came."""
+    left_out: str = ""
+    """Why it is left out; empty where it counts."""
+    notices: tuple[tuple[str, str], ...] = ()
+    """What its autopilot and its agent said last: severity and text."""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    """Samples that were no levels, by reason."""
+
+
+@dataclass(frozen=True)
+class PreflightCheck:
+    """One thing that must be right before trackers are commanded."""
+
+    name: str
+    passed: bool | None
+    """None where it is not known yet."""
+    text: str
+    tracker: int | None = None
+    """None where it is about all."""
 
 
 @dataclass(frozen=True)
@@ -106,3 +128,7 @@ class Snapshot:
     """In SAMPLING: the window begins with the first valid sample taken then or later."""
     recorder_failures: int
     """How often the recorder has failed."""
+    condition: Condition = Condition.TRACKING
+    """What the controller says of itself, after its last decision."""
+    preflight: tuple[PreflightCheck, ...] = ()
+    """What was looked at before the start."""
