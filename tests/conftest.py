@@ -31,6 +31,7 @@ PROCESSES = {
     "simulation/test_live_chase.py",
     "commands/test_live_commands.py",
     "live/page/test_page.py",
+    "live/page/test_in_browser.py",
     "live/log/test_log.py",
 }
 """Real processes, a Ray cluster, or a browser, with limits of wall time: never two of them side by side."""

@@ -1,5 +1,6 @@
 """Chases that the real service, link, agents and vehicles have flown on a made clock, and the frames of them."""
 
+import copy
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame
 from swarmchase.live.log.entries import LogHead
 from swarmchase.live.page.info import page_info
-from swarmchase.live.service.chase_state import Decision, Transition
+from swarmchase.live.service.chase_state import Decision, Snapshot, Transition
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.scenario import paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
@@ -22,14 +23,24 @@ from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 TROUBLE = "frozen=3@12-20,frozen=4@12-20,frozen=5@12-20,silent=2@5-30,forge=60"
 """Three trackers get lost at a time, one receiver falls silent, and somebody forges datagrams."""
 NARROW = SafetyLimits(
-    fence_west_m=-12,
-    fence_east_m=12,
-    fence_south_m=-12,
-    fence_north_m=12,
-    lowest_altitude_m=-12,
-    highest_altitude_m=12,
+    fence_west_m=-12.0,
+    fence_east_m=12.0,
+    fence_south_m=-12.0,
+    fence_north_m=12.0,
+    lowest_altitude_m=-12.0,
+    highest_altitude_m=12.0,
 )
 """Wherever the target is, 25 m from the start, it is outside."""
+
+
+SCENARIO = paper_scenario(sampling_hz=100, spatial_correlation=0.5, start_distance_m=25.0)
+
+
+def head_for(controller: str, limits: SafetyLimits) -> LogHead:
+    """Of chase 0 of seed 3."""
+    weights = weights_sha256(controller, SCENARIO)
+    began = datetime(2033, 5, 18, tzinfo=UTC)
+    return LogHead("0.3.0", controller, weights, SCENARIO, 3, 0, 1, limits, began, START_NS)
 
 
 class ShownChase:
@@ -43,24 +54,14 @@ class ShownChase:
         limits: SafetyLimits | None = None,
         starts: bool = True,
     ) -> None:
-        scenario = paper_scenario(sampling_hz=100, spatial_correlation=0.5, start_distance_m=25.0)
-        limits = limits or SafetyLimits()
+        scenario, limits = SCENARIO, limits or SafetyLimits()
+        self.amend: Callable[[Snapshot], Snapshot] = lambda snapshot: snapshot
+        """What stands in for a part of the service that this test is not about."""
         self.entries: list[Transition | Decision | Event] = []
         chase = self.chase = VirtualChase(
             scenario, load_controller(controller, scenario), 3, 0, fault_plan(faults), limits=limits, starts=False
         )
-        self.head = LogHead(
-            "0.3.0",
-            controller,
-            weights_sha256(controller, scenario),
-            scenario,
-            3,
-            0,
-            1,
-            limits,
-            datetime(2033, 5, 18, tzinfo=UTC),
-            START_NS,
-        )
+        self.head = head_for(controller, limits)
         self.events = Events(Alarms(chase.link), [self.entries.append])
         target_m = chase.site.radio.target_m
         self._chronicle = Chronicle(chase.link, START_NS, [take], self.events, lambda: target_m)
@@ -84,9 +85,10 @@ class ShownChase:
 
     def _watch(self) -> None:
         self.chase.service.explain()
-        snapshot = self.chase.service.snapshot()
+        snapshot = self.amend(self.chase.service.snapshot())
         self.events(snapshot)
-        self._chronicle(snapshot, None)
+        latencies_s = self.chase._latency_s
+        self._chronicle(snapshot, latencies_s[-1] if latencies_s else None)
 
 
 @dataclass(frozen=True)
@@ -140,3 +142,15 @@ def troubled_chase() -> RecordedChase:
 def wordless_chase(controller: str) -> RecordedChase:
     """The first decisions of a controller that has no belief, with real trackers."""
     return recorded(12.0, with_target=False, controller=controller)
+
+
+@functools.cache
+def _first_seconds() -> RecordedChase:
+    return recorded(3.0)
+
+
+def frame_at(time_s: float) -> Frame:
+    """A frame of a real chase, dated otherwise."""
+    frame = copy.deepcopy(_first_seconds().at(time_s))
+    frame["time_s"] = round(time_s, 3)
+    return frame

@@ -10,12 +10,13 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from swarmchase.live.service.tracker_news import TrackerNews
+
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.frame import Frame
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.link.messages import Metres, TrackerMode
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, TrackerSnapshot
-from swarmchase.live.service.tracker_news import TrackerNews
 
 BEGAN_NS = 7 * 10**12
 THERE = TrackerSnapshot(

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .address import host_and_port
 from .alarms import Alarm, Alarms
@@ -12,11 +11,12 @@ from .events import Event, Events, EventTaker
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Metres
 from .log.entries import LogHead
+from .service.chase_state import Decision, Transition
 from .service.loop import Journal, Tell, Watcher, Words
 from .service.service import Recorder
 
-if TYPE_CHECKING:
-    from .log.recorder import ChaseRecorder
+EntryTaker = Callable[[Transition | Decision | Event], None]
+"""Of a log."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ class Audience:
             if options.page is not None:
                 takers.append(self._open_page(options.page, head, tell))
             if options.log is not None:
-                recorder = self._open_log(options.log, head, tell)
-                takers.append(recorder.record_frame)
-                event_takers.append(recorder.record)
-                recorders.append(recorder.record)
+                take_frame, take_entry = self._open_log(options.log, head, tell)
+                takers.append(take_frame)
+                event_takers.append(take_entry)
+                recorders.append(take_entry)
         except Exception:
             self.close()
             raise
@@ -86,14 +86,14 @@ class Audience:
         while self._closers:
             self._closers.pop()()
 
-    def _open_log(self, path: Path, head: LogHead, tell: Tell) -> "ChaseRecorder":
+    def _open_log(self, path: Path, head: LogHead, tell: Tell) -> tuple[FrameTaker, EntryTaker]:
         from .log.recorder import ChaseRecorder
 
         recorder = ChaseRecorder(path, head)
         self._closers.append(recorder.close)
         self._alarms.append(lambda: recorder.alarms)
         tell(f"The log is {path}.")
-        return recorder
+        return recorder.record_frame, recorder.record
 
     def _open_page(self, address: str, head: LogHead, tell: Tell) -> FrameTaker:
         self._page = _Page(address, head)

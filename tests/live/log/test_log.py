@@ -37,8 +37,8 @@ from swarmchase.controllers import load_controller
 from swarmchase.controllers.protocol import Controller
 from swarmchase.errors import InputError
 from swarmchase.formation import Action
-from swarmchase.live.alarms import Alarm, Severity
-from swarmchase.live.events import Event, Events
+from swarmchase.live.alarms import Alarm
+from swarmchase.live.events import Events
 from swarmchase.live.frame import Frame, frame_of
 from swarmchase.live.log import recorder as recorder_module
 from swarmchase.live.log import verification as verification_module

@@ -11,7 +11,8 @@ export class DecisionPanel {
   constructor(container, numberLabel, note) {
     this.container = container;
     this.numberLabel = numberLabel;
-    this.note = note;
+    this.changed = note.firstElementChild;
+    this.why = note.lastElementChild;
     this.rows = [];
   }
 
@@ -34,19 +35,23 @@ export class DecisionPanel {
     const changed = decision?.changed ? `Flown otherwise: ${decision.changed}.` : "";
     const without = decision && shares === null ? "This controller does not say what speaks for each choice." : "";
     const why = against.length ? whyAgainst(against.map((row) => row.axis), Boolean(frame.belief_m)) : "";
-    this.note.dataset.changed = String(changed !== "");
-    setText(this.note, [changed, without, why].filter(Boolean).join(" "));
+    setText(this.changed, changed);
+    setText(this.why, [without, shares && meaning(Boolean(frame.belief_m)), why].filter(Boolean).join(" "));
   }
 }
 
 function what(decision) {
-  return decision.movement ? `movement ${decision.movement}: bars speak for, outlined is taken` : "not carried out";
+  return decision.movement ? `movement ${decision.movement}; what is taken is outlined` : "not carried out";
 }
 
-// A belief is summed up by its distances, a policy is drawn from: either may take what has less than the most.
+function meaning(isBelief) {
+  return isBelief ? "Bars: what each choice is expected to save of the way." : "Bars: how probable each choice is.";
+}
+
+// A policy is drawn from, and may take what has less than the most. A belief is not, but for two that are nearly the same.
 function whyAgainst(axes, isBelief) {
   const because = isBelief
-    ? "the choice with the least expected distance is taken, which need not be the one that most of the belief is nearest to"
+    ? "nothing was heard, or choices are nearly the same"
     : "choices are drawn by chance with these probabilities";
   return `Not the longest bar at ${axes.join(", ")}: ${because}.`;
 }

@@ -163,7 +163,7 @@ export class Scene {
     if (key !== this.gridKey) {
       this.gridKey = key;
       setPoints(this.grid, gridLines(middle, step));
-      setText(document.getElementById("grid-step"), `${step} m, at height 0`);
+      setText(document.getElementById("grid-step"), `${step} m`);
     }
     const high = [frame.center_m, frame.target_m].filter(Boolean);
     setPoints(this.plumbs, high.flatMap((point) => [point, [point[0], point[1], 0]]));
