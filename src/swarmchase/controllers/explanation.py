@@ -35,7 +35,7 @@ class Explaining(Protocol):
 def share_of_savings(
     scenario: Scenario, left_m: Float[Tensor, "3 point"], weight: Float[Tensor, "point"]
 ) -> Float[Tensor, "4 choice"]:
-    """What each choice saves against the worst one, as a share of what all of them save: of a displacement, the expected
+    """What each choice saves against the worst one, as a share of what all save: of a displacement, the expected
     distance that is left on its axis; of a spacing, how far it is from the expected distance. Who takes the choice with
     the least of it takes the one with the largest share.
 
