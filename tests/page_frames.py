@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from swarmchase.controllers import load_controller, weights_sha256
+from swarmchase.controllers import ActionChoice, load_controller, weights_sha256
 from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Event, Events
@@ -53,13 +53,20 @@ class ShownChase:
         faults: str = "",
         limits: SafetyLimits | None = None,
         starts: bool = True,
+        action_choice: ActionChoice | None = None,
     ) -> None:
         scenario, limits = SCENARIO, limits or SafetyLimits()
         self.amend: Callable[[Snapshot], Snapshot] = lambda snapshot: snapshot
         """What stands in for a part of the service that this test is not about."""
         self.entries: list[Transition | Decision | Event] = []
         chase = self.chase = VirtualChase(
-            scenario, load_controller(controller, scenario), 3, 0, fault_plan(faults), limits=limits, starts=False
+            scenario,
+            load_controller(controller, scenario, action_choice),
+            3,
+            0,
+            fault_plan(faults),
+            limits=limits,
+            starts=False,
         )
         self.head = head_for(controller, limits)
         self.events = Events(Alarms(chase.link), [self.entries.append])
@@ -139,9 +146,9 @@ def troubled_chase() -> RecordedChase:
 
 
 @functools.cache
-def wordless_chase(controller: str) -> RecordedChase:
+def wordless_chase(controller: str, action_choice: ActionChoice | None = None) -> RecordedChase:
     """The first decisions of a controller that has no belief, with real trackers."""
-    return recorded(12.0, with_target=False, controller=controller)
+    return recorded(20.0, with_target=False, controller=controller, action_choice=action_choice)
 
 
 @functools.cache

@@ -401,10 +401,10 @@ def test_the_checklist_is_overridden_in_words(chromium: Any) -> None:
     with LiveChase(starts=False) as chase, served(chase.feed) as server, opened(chromium, server) as window:
         chase.shown.amend = with_every_word
         window.shows("#preflight-count", "1 of 3 passed")
-        assert window.page.locator("#preflight li").all_inner_texts() == [
-            "✓\npassed: armed: passed",
-            "⚠\nfailed: tracker 2, clock: 3 s behind",
-            "·\nnot known yet: tracker 3, mode: not known yet",
+        assert window.page.locator("#preflight li").all_text_contents() == [
+            "✓passed: armed: passed",
+            "⚠failed: tracker 2, clock: 3 s behind",
+            "·not known yet: tracker 3, mode: not known yet",
         ]
         window.shows('tr[data-tracker="0"] [data-column="status"]', "left out")
         detail = window.page.locator('tr[data-tracker="0"] + tr.detail')
@@ -461,7 +461,7 @@ def test_traces_are_told_apart_without_colour(chromium: Any) -> None:
         assert np.count_nonzero(np.diff(rows.astype(int)) == 1) >= 3  # numbers at the ends
 
 
-@pytest.mark.parametrize("controller", ["gradient", "robust", "recurrent"])
+@pytest.mark.parametrize("controller", ["gradient", "robust", "paper"])
 def test_who_has_no_belief_says_so(chromium: Any, controller: str) -> None:
     chase = wordless_chase(controller)
     with looked_back(chromium, chase, 0.3) as window:
@@ -484,7 +484,7 @@ def test_the_longest_bar_is_what_is_taken_or_the_page_says_why(chromium: Any) ->
     for chase in (ordinary_chase(), troubled_chase()):
         for gap in gaps(chase):
             assert gap <= 1e-3
-    chase = wordless_chase("recurrent")
+    chase = wordless_chase("paper", "sampled")
     drawn = next(
         frame["time_s"] for frame, gap in zip(chase.frames, map(most_against, chase.frames), strict=True) if gap > 1e-3
     )
@@ -720,6 +720,7 @@ def test_page_goes_on_when_the_service_comes_back(chromium: Any) -> None:
     first = LiveChase(ahead_s=2.0)
     second = LiveChase(controller="gradient")
     second.shown.chase.restart_service(2)
+    second.shown.say("start")
     server = PageServer(first.feed, "127.0.0.1", 0)
     window = Window(chromium, server.url)
     try:

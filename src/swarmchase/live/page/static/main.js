@@ -1,6 +1,6 @@
 // Puts the page together. What is drawn follows from one frame alone, be it of now, of the past, or of a recording.
 
-import { STALE_S, metres, number, setText } from "./format.js";
+import { STALE_S, hasEnded, metres, number, setText } from "./format.js";
 import { showConnection, showInfo, showState } from "./header.js";
 import { Alarms } from "./alarms.js";
 import { DecisionPanel } from "./decision.js";
@@ -136,9 +136,11 @@ function drawDistance() {
 
 // What grows older between two frames.
 function drawAges() {
-  const extraS = isFollowing() ? silentS() : 0;
+  // After the end nothing more is to come: what is shown is how it ended.
+  const grows = isFollowing() && !(isStale() && hasEnded(shown));
+  const extraS = grows ? silentS() : 0;
   trackers.draw(shown, extraS);
-  traces.draw(shown, extraS, isFollowing() && isStale());
+  traces.draw(shown, extraS, grows && isStale());
 }
 
 function drawClock() {

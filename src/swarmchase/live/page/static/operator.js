@@ -94,7 +94,7 @@ class LastingButton {
     this.button = button;
     this.act = act;
     this.tooShort = tooShort;
-    this.timer = null;
+    this.stop();
     const isOwn = (event) => isKey(event, key) || (event.target === button && ["Enter", " "].includes(event.key));
     button.addEventListener("pointerdown", (event) => event.button === 0 && this.press());
     for (const end of ["pointerup", "pointerleave", "pointercancel"]) {
