@@ -32,6 +32,7 @@ PROCESSES = {
     "commands/test_live_commands.py",
     "live/page/test_page.py",
     "live/page/test_in_browser.py",
+    "test_pictures.py",
     "live/log/test_log.py",
 }
 """Real processes, a Ray cluster, or a browser, with limits of wall time: never two of them side by side."""

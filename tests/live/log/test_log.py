@@ -895,7 +895,8 @@ def replayed(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str,
 
 
 def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = written(tmp_path / "chase.mcap", head_for("particle"), [a_transition(), *asked("particle", 3), a_frame(9)])
+    items = [a_transition(), *asked("particle", 3), a_frame(9), an_event(4 * 10**9)]
+    path = written(tmp_path / "chase.mcap", head_for("particle"), items)
     code, out, err = replayed(str(path), "--json", "--verify", capsys=capsys)
     document = json.loads(out)
     expected = {
@@ -909,6 +910,7 @@ def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFi
         "seconds": 9.0,
         "transitions": 1,
         "decisions": 3,
+        "events": [{"time_ns": BEGAN_NS + 4 * 10**9, "severity": "critical", "text": "tracker 3 is lost"}],
         "frames": 1,
         "is_cut": False,
         "is_same": True,
@@ -917,6 +919,7 @@ def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFi
     }
     assert (code, {name: document[name] for name in expected}) == (0, expected)
     assert "All 3 decisions are the same, bit for bit." in err
+    assert "    4.0 s  tracker 3 is lost" in err
 
 
 def test_replay_tells_of_a_different_action_by_its_exit_code(
