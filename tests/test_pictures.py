@@ -24,7 +24,8 @@ def test_the_picture_of_the_page_is_taken_of_a_chase(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["page.png"]
     picture = Image.open(out).convert("HSV")
     assert picture.size == (640, 480)
-    assert Image.open(ROOT / "docs" / "live-page.png").size == (1280, 800)
+    with Image.open(ROOT / "docs" / "live-page.png") as shown:
+        assert shown.size == (1280, 800)
     hues, saturations, _ = np.moveaxis(np.asarray(picture, dtype=np.int64), 2, 0)
     teal_or_blue = (hues > 118) & (hues < 155) & (saturations > 150)  # the name of a state that is under way
     assert np.count_nonzero(teal_or_blue) > 200
