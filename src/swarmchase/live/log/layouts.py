@@ -17,11 +17,12 @@ def renewed_frame(frame: Any) -> Any:
         AttributeError, KeyError, TypeError, ValueError: it is no such frame.
     """
     belief_m = frame["belief_m"] and np.array(frame["belief_m"], dtype=np.float64).reshape(-1, 3)
+    center_m = frame["center_m"] and tuple(frame["center_m"])
     return frame | {
         "trackers": [tracker | {"condition": _condition(tracker)} | _UNSAID for tracker in frame["trackers"]],
         "alarms": [{"text": text, "severity": Severity.WARNING.value, "tracker": None} for text in frame["alarms"]],
         "events": [],
-        "estimate": estimate_of(belief_m, frame["center_m"]),
+        "estimate": estimate_of(belief_m, center_m),
         "ended_s": None,
         "preflight": [],
     }
