@@ -35,6 +35,8 @@ GROUPS = {
         "simulation/test_live_chase.py",
         "commands/test_live_commands.py",
         "live/page/test_page.py",
+        "live/page/test_in_browser.py",
+        "test_pictures.py",
         "live/log/test_log.py",
     },
 }

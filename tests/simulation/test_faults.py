@@ -25,7 +25,9 @@ from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import Controller
 from swarmchase.formation import Action
+from swarmchase.live.alarms import Alarm, Alarms
 from swarmchase.live.chronicle import Chronicle
+from swarmchase.live.events import Events
 from swarmchase.live.frame import Frame
 from swarmchase.live.link.codec import TRACKER_COMPONENT, system_of
 from swarmchase.live.link.mavlink import MOST_OF_ONE_SENDER, ControllerMavlinkLink
@@ -482,7 +484,7 @@ def test_the_loss_that_is_shown_is_that_of_the_link() -> None:
 
     flight.chase.network.controller.put = every_fourth_lost  # type: ignore[method-assign]
     frames: list[Frame] = []
-    chronicle = Chronicle(flight.chase.link, START_NS, [frames.append], lambda: [])
+    chronicle = Chronicle(flight.chase.link, START_NS, [frames.append], Events(Alarms(flight.chase.link)))
     flight.run_to(8.0)
     chronicle(flight.snapshot, None)
     shown = [tracker["loss_share"] for tracker in frames[-1]["trackers"]]
@@ -978,11 +980,10 @@ def test_a_full_disk_does_not_stop_the_chase_and_the_operator_is_told(
     frames: list[Frame] = []
     with ChaseRecorder(tmp_path / "chase.mcap", head) as recorder:
         monkeypatch.setattr(LogFile, "flush", no_space)
-        chronicle = Chronicle(
-            flight.chase.link, START_NS, [frames.append, recorder.record_frame], lambda: recorder.alarms
-        )
+        events = Events(Alarms(flight.chase.link, lambda: recorder.alarms))
+        chronicle = Chronicle(flight.chase.link, START_NS, [frames.append, recorder.record_frame], events)
         flight.chase._recorder = lambda entry: (flight.log.append(entry), recorder.record(entry))
-        flight.chase._watch = lambda snapshot: chronicle(snapshot, None)
+        flight.chase._watch = lambda snapshot: (events(snapshot), chronicle(snapshot, None))[0]
         flight.run_to(8.0)
         while recorder.failure is None:  # its thread writes twice a second
             time.sleep(0.01)
@@ -992,8 +993,12 @@ def test_a_full_disk_does_not_stop_the_chase_and_the_operator_is_told(
     assert frames[0]["alarms"] == []
     (alarm,) = frames[-1]["alarms"]
     assert re.fullmatch(
-        r"cannot write the log: No space left on device; \d+ frames and \d+ transitions and decisions are lost", alarm
+        r"cannot write the log: No space left on device; \d+ frames and \d+ transitions, decisions and events are lost",
+        alarm["text"],
     )
+    assert [event.text for event in events.newest if "log" in event.text] == [
+        "cannot write the log: No space left on device"
+    ]
     assert result.state == "reached"
 
 
@@ -1005,12 +1010,13 @@ def test_a_recorder_that_raises_is_an_alarm_too(undisturbed: Flight) -> None:
     """Row "disk full, log fails": whatever fails there, and how often, the frames say."""
     flight = Flight()
     frames: list[Frame] = []
-    chronicle = Chronicle(flight.chase.link, START_NS, [frames.append], lambda: ["another"])
+    events = Events(Alarms(flight.chase.link, lambda: [Alarm("other", "another")]))
+    chronicle = Chronicle(flight.chase.link, START_NS, [frames.append], events)
     flight.chase._recorder = lambda entry: (flight.log.append(entry), no_space())
-    flight.chase._watch = lambda snapshot: chronicle(snapshot, None)
+    flight.chase._watch = lambda snapshot: (events(snapshot), chronicle(snapshot, None))[0]
     flight.run_to(8.0)
     # Three times sampling, twice moving, and two decisions.
-    assert frames[-1]["alarms"] == ["another", "7 entries could not be recorded"]
+    assert [alarm["text"] for alarm in frames[-1]["alarms"]] == ["another", "7 entries could not be recorded"]
     flight.run()
     require_same_log(flight, undisturbed)
 

@@ -31,7 +31,7 @@ from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from .condition import Condition
-from .explanation import MOST_POINTS, Explanation, share_of_points
+from .explanation import MOST_POINTS, Explanation, share_of_savings
 
 NUM_PARTICLES = 1000
 NUM_PARTICLES_UNKNOWN_POWER = 2000
@@ -133,7 +133,8 @@ class ParticleController:
         at = (torch.arange(MOST_POINTS) + 0.5) / MOST_POINTS * cumulative[-1]
         chosen = torch.searchsorted(cumulative, at).clamp_(max=self._num_particles - 1)
         target_m = memory.position_m[0][:, chosen].T.contiguous()
-        return Explanation(share_of_points(self._scenario, target_m, center_m(observation)[0]), target_m)
+        left_m = memory.position_m[0] - center_m(observation)[0].float()[:, None]
+        return Explanation(share_of_savings(self._scenario, left_m, memory.log_weight[0].exp()), target_m)
 
     def _log_likelihood(
         self,

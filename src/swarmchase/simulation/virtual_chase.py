@@ -80,6 +80,7 @@ class VirtualChase:
         recorder: is given every transition and decision.
         watch: is given every snapshot after a step of the service.
         vehicles: are flown; ideal ones, around the origin, where none are given.
+        starts: at once; otherwise when ``service.start`` is called.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class VirtualChase:
         limits: SafetyLimits | None = None,
         vehicles: list[SimulatedVehicle] | None = None,
         agent_settings: AgentSettings | None = None,
+        starts: bool = True,
     ) -> None:
         self.clock = VirtualClock(START_NS)
         """The site's, and the controller's."""
@@ -105,7 +107,7 @@ class VirtualChase:
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
-        self._recorder, self._watch = recorder, watch
+        self._recorder, self._watch, self._starts = recorder, watch, starts
         self._agent_settings = agent_settings or AgentSettings()
         self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
@@ -230,7 +232,8 @@ class VirtualChase:
             self._chase,
             self._settings,
         )
-        service.start()
+        if self._starts:
+            service.start()
         if self._plan != FaultPlan():
             service.override()  # whoever has ordered faults wants to see them
         return link, service

@@ -100,7 +100,7 @@ def test_the_centre_stops_where_the_formation_would_touch_the_fence() -> None:
     assert move.center_m == pytest.approx(at(195, 2, 0), abs=TINY_M)
     assert worst_excess_m(LIMITS, move.legs[0]) <= 0
     assert move.legs[0] - move.center_m == pytest.approx(5 * TRACKER_DIRECTION)
-    assert move.reason == "centre moved by 2 m"
+    assert move.reason == "centre moved by 2 m to keep the fence"
 
 
 def test_altitudes_are_limits_too() -> None:

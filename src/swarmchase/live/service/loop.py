@@ -1,4 +1,4 @@
-"""The loop around the controller service: keeps its pace, passes on the operator's words, tells what happens, and ends
+"""The loop around the controller service: keeps its pace, passes on the operator's words, shows what happens, and ends
 when the chase has ended.
 """
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from ...evaluation.statistics import nearest_rank_percentile
 from ..link.mavlink import ControllerMavlinkLink
-from ..link.news import LinkNews
 from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
@@ -33,27 +32,21 @@ Watcher = Callable[[Snapshot, float | None], None]
 
 
 class Journal:
-    """The service's recorder: tells every transition, notes that a decision was made, and passes all on to the log.
+    """The service's recorder: notes that a decision was made, and passes all on.
 
     Args:
-        log: is given every entry; None where there is none.
+        takers: are given every entry, one after the other.
     """
 
-    def __init__(self, tell: Tell, log: Recorder | None = None) -> None:
+    def __init__(self, takers: Sequence[Recorder] = ()) -> None:
         self.has_decided = False
-        self._tell = tell
-        self._log = log
-        self._began_ns = time.monotonic_ns()
+        self._takers = takers
 
     def __call__(self, entry: Transition | Decision) -> None:
         """Take in what the service records."""
-        if self._log is not None:
-            self._log(entry)
-        if isinstance(entry, Decision):
-            self.has_decided = True
-        else:
-            seconds = (entry.time_ns - self._began_ns) / 1e9
-            self._tell(f"{seconds:7.1f} s  {entry.before.value} -> {entry.after.value}: {entry.reason}")
+        self.has_decided |= isinstance(entry, Decision)
+        for take in self._takers:
+            take(entry)
 
 
 @dataclass(frozen=True)
@@ -110,7 +103,6 @@ class ServeLoop:
         self._quits = False
         self._ended_s: float | None = None
         self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
-        self._link_news = LinkNews(link)
 
     def run(self) -> ServeSummary:
         """Until the end of the chase, and so long after it that trackers have heard of it."""
@@ -126,8 +118,6 @@ class ServeLoop:
             snapshot = self._service.snapshot()
             for watch in self._watchers:
                 watch(snapshot, latency_s)
-            for line in self._link_news.lines():
-                self._tell(line)
             self._listen_until_next(ticker)
         snapshot = self._service.snapshot()
         return ServeSummary(

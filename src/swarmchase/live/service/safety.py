@@ -150,6 +150,7 @@ class SafetyFilter:
         spacing_m = min(max(wanted_spacing_m, least_m), most_m)
         center_m = self._fenced_m(wanted_center_m, spacing_m)
         limited = _differences(wanted_center_m, wanted_spacing_m, center_m, spacing_m)
+        limited = [f"{one}{_limits_met(wanted_center_m, center_m)}" if "centre" in one else one for one in limited]
         starts_m = (set_point_m, position_m)
         for other_center_m, other_spacing_m in self._alternatives(center_m, spacing_m, least_m, most_m):
             end_m = np.where(np.isfinite(set_point_m), formation_m(other_center_m, other_spacing_m), np.nan)
@@ -244,6 +245,13 @@ class SafetyFilter:
             legs.append(to_m)
             at_m, really_at_m = to_m, really_to_m
         return tuple(legs)
+
+
+def _limits_met(wanted_m: Point, center_m: Point) -> str:
+    """Which limits keep a centre from where it is wanted."""
+    east_m, north_m, up_m = (center_m - wanted_m).tolist()
+    met = ["the fence"] * bool(east_m or north_m) + ["the lowest altitude"] * (up_m > 0)
+    return f" to keep {' and '.join(met + ['the highest altitude'] * (up_m < 0))}"
 
 
 def _differences(one_center_m: Point, one_spacing_m: float, center_m: Point, spacing_m: float) -> list[str]:

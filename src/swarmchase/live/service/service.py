@@ -85,6 +85,7 @@ class ControllerService:
         self._last_decision: Decision | None = None
         self._to_explain: Observation | None = None
         self._explanation: Explanation | None = None
+        self._condition = Condition.TRACKING
 
     # What the operator says
 
@@ -205,14 +206,16 @@ class ControllerService:
             spacing_m = float(action.spacing_m[0])
             x_m, y_m, z_m = action.displacement_m[0].tolist()
             condition = getattr(memory, "condition", None)
-            is_deaf = condition is not None and int(condition[0]) == Condition.DEAF
+            condition = Condition.TRACKING if condition is None else Condition(int(condition[0]))
         except Exception as error:
             self._hold(f"the controller failed: {type(error).__name__}: {error}", self._settings.retry_s)
             return
         is_number = all(map(math.isfinite, (spacing_m, x_m, y_m, z_m)))
+        # What explains an earlier decision does not explain this one.
+        self._explanation, self._to_explain = None, observation if is_number else None
         if is_number:
-            self.memory = memory
-            self._deaf_windows = self._deaf_windows + 1 if is_deaf else 0
+            self.memory, self._condition = memory, condition
+            self._deaf_windows = self._deaf_windows + 1 if condition is Condition.DEAF else 0
         if not is_number or self._deaf_windows >= DEAF_WINDOWS:
             deaf = f"the controller has heard nothing for {self._deaf_windows} windows"
             movement, changed = 0, deaf if is_number else "the controller's action is no number"
@@ -220,7 +223,6 @@ class ControllerService:
         else:
             movement = self._movements = self._movements + 1
             changed = self._fly(window.center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
-            self._to_explain = observation
         decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
         self._last_decision = decision
         self._record(decision)
@@ -301,6 +303,7 @@ class ControllerService:
             recorder_failures=self._recorder_failures,
             preflight=self._preflight(),
             pulled_back=self._swarm.stream.pulled_back,
+            condition=self._condition,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
