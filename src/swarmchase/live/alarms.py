@@ -10,13 +10,12 @@ from enum import StrEnum
 
 from ..controllers.condition import Condition
 from ..scenario import NUM_TRACKERS
-from .link.mavlink import ControllerMavlinkLink
 from .link import messages as link_messages
+from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Notice, TrackerMode
 from .rates import SPAN_S, Rates, in_words
 from .service.chase_state import UNDER_WAY, ChaseState, Snapshot, TrackerSnapshot
 from .service.preflight import in_words as preflight_in_words
-
 
 READY_S = 2.0
 """So long trackers that have just come may take until the preflight passes."""

@@ -11,7 +11,7 @@ from typing import TypedDict
 import numpy as np
 
 from ..controllers.explanation import Explanation
-from .alarms import Alarm, condition_of
+from .alarms import Alarm, condition_of, severity_of
 from .estimate import EstimateFrame, estimate_of
 from .events import Event, Events
 from .link.messages import Metres

@@ -389,7 +389,10 @@ def with_every_word(snapshot: Snapshot) -> Snapshot:
     """A snapshot with what only autopilots, receivers and the judgement of trackers put there."""
     one, *others = snapshot.trackers
     one = dataclasses.replace(
-        one, left_out="12 m from its place", notices=(Notice(0, 1, LinkSeverity.WARNING, "EKF variance"),), dropped={"no signal": 7}
+        one,
+        left_out="12 m from its place",
+        notices=(Notice(0, 1, LinkSeverity.WARNING, "EKF variance"),),
+        dropped={"no signal": 7},
     )
     checks = (
         PreflightCheck("armed", True, "", None),
