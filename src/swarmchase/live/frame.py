@@ -35,6 +35,8 @@ class TrackerFrame(TypedDict):
     """Of the samples in its last window."""
     rssi_dbm: list[float | None]
     """Its last window, oldest first."""
+    dropped: dict[str, int]
+    """Samples that it reported and that are no levels, by reason."""
 
 
 class DecisionFrame(TypedDict):
@@ -122,6 +124,7 @@ def _tracker(tracker: TrackerSnapshot, loss_share: float | None) -> TrackerFrame
         loss_share=loss_share,
         missing_share=round(tracker.missing_share, 3),
         rssi_dbm=[_finite(level_dbm) for level_dbm in tracker.rssi_dbm],
+        dropped=tracker.dropped,
     )
 
 

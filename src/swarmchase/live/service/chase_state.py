@@ -81,6 +81,8 @@ class TrackerSnapshot:
     """Of its last window."""
     rssi_dbm: tuple[float, ...]
     """Its last window, oldest first; NaN where nothing valid came."""
+    dropped: dict[str, int]
+    """Samples that it reported and that are no levels, by reason."""
 
 
 @dataclass(frozen=True)

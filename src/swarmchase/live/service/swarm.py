@@ -144,6 +144,7 @@ class Swarm:
             is_silent=record.is_silent(self._now_ns),
             missing_share=float(np.isnan(window).mean()),
             rssi_dbm=tuple(window.tolist()),
+            dropped=record.dropped,
         )
 
 

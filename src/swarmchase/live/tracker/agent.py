@@ -17,6 +17,7 @@ from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
 from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
 from ..link.protocol import Link
+from .sources.complaint import Complaint
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
@@ -113,6 +114,7 @@ class TrackerAgent:
         self._sampling_hz = sampling_hz
         self._settings = settings or AgentSettings()
         self._samples = SampleBuffer(sampling_hz)
+        self._complaint = Complaint(source)
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
@@ -122,13 +124,23 @@ class TrackerAgent:
     def step(self) -> None:
         """Do what is due now; never blocks. To be called ten times a second or more often."""
         now_ns = self._clock.now_ns()
-        for sample in self._sampled(now_ns):
-            self._samples.add(sample, now_ns)
+        heard = [self._samples.add(sample, now_ns) for sample in self._sampled(now_ns)]
+        self._complaint.listened(any(heard), self.dropped, now_ns)
         for message in self._link.receive():
             self._hear(message, now_ns)
         self._miss_the_controller(now_ns)
         self._vehicle.update(now_ns)
         self._report(now_ns)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Samples that were no levels, or too old or too new, by reason."""
+        return self._samples.dropped
+
+    @property
+    def source_complaint(self) -> str | None:
+        """What came of the receiver instead of levels, for people; None where levels come."""
+        return self.source_failure or self._complaint.text(self.dropped, self._clock.now_ns())
 
     def close(self) -> None:
         """Hold, and give back what the source, the vehicle and the link hold."""
