@@ -28,7 +28,7 @@ from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.fading_law import WindowPower, fading_law
 from ..channel.propagation import loss_beyond_reference_db, reference_dbm
 from ..formation import Action, nearest_choice
-from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
+from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
@@ -112,6 +112,7 @@ class ParticleController:
 
     def decide(self, observation: Observation, memory: ParticleMemory) -> tuple[Action, ParticleMemory]:
         """Weigh the particles by the window, act on the belief, then resample where few of them are left."""
+        observation = checked_observation(observation, self._scenario)
         power_dbm = self._window_power(observation.rssi_dbm)
         heard = power_dbm.isfinite()
         log_likelihood = self._log_likelihood(memory, power_dbm, mean_position_m(observation), heard)

@@ -30,7 +30,7 @@ class ReceiverFault(StrEnum):
     STUCK = "stuck"
     """Repeats its last level."""
     GARBAGE = "garbage"
-    """Reports what no receiver can have meant."""
+    """Reports, for every second sample, an error value or another number that is no level of the target."""
     WRONG = "wrong"
     """Adds 20 dB."""
     DEAF = "deaf"

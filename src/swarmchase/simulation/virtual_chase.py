@@ -16,7 +16,7 @@ from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
 from ..live.service.settings import ServiceSettings
 from ..live.tracker.agent import AgentSettings, TrackerAgent
-from ..live.tracker.sources import Sample
+from ..live.tracker.sources import Rejected, Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
@@ -245,7 +245,10 @@ class VirtualChase:
 class _Receiver:
     """Hands on what the site has it hear, dated by its tracker's clock. An ``RssiSource``."""
 
+    silence = "the site is silent"
+
     def __init__(self, clock: SkewedClock) -> None:
+        self.rejected = Rejected()
         self._clock = clock
         self._samples: list[Sample] = []
 

@@ -93,7 +93,7 @@ class TrackerSnapshot:
     notices: tuple[Notice, ...] = ()
     """The newest lines for people of its autopilot, its receiver and its agent, oldest first."""
     dropped: Mapping[str, int] = field(default_factory=dict)
-    """Samples that were no levels, by reason."""
+    """Samples that it reported and that are no levels, by reason."""
 
 
 @dataclass(frozen=True)

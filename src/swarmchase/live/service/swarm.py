@@ -243,6 +243,7 @@ class Swarm:
             vehicle=record.vehicle,
             position_hz=record.position_hz,
             notices=tuple(record.notices),
+            dropped=record.dropped,
         )
 
 

@@ -34,7 +34,7 @@ class TrackerRecord:
         self._kept_ns = round((2 * scenario.window_s + KEPT_BEYOND_WINDOW_S) * 1e9)
         self._silent_s = max(SILENT_S, SILENT_SAMPLES / scenario.sampling_hz)
         self._offset = ClockOffset()
-        self._samples = SampleWindow(scenario.sampling_hz, scenario.window_samples)
+        self._samples = SampleWindow(scenario)
         self.position_m: Point | None = None
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
         self.notices: deque[Notice] = deque(maxlen=KEPT_NOTICES)
@@ -167,6 +167,11 @@ class TrackerRecord:
         known_s = (np.array(self._position_ns) - self._position_ns[-1]) / 1e9
         known_m = np.array(self._position_m)
         return rssi_dbm, np.stack([np.interp(at_s, known_s, known_m[:, axis]) for axis in range(3)], axis=1)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Samples that were reported and are no levels, by reason."""
+        return {str(reason): count for reason, count in sorted(self._samples.dropped.items())}
 
     def last_window(self) -> Levels:
         """Its newest samples, oldest first, in dBm."""

@@ -27,6 +27,7 @@ from ..link.messages import (
 )
 from ..link.protocol import Link
 from .notices import Notices
+from .sources.complaint import Complaint
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
@@ -130,6 +131,8 @@ class TrackerAgent:
         self._settings = settings or AgentSettings()
         self._samples = SampleBuffer(sampling_hz)
         self._notices = Notices(tracker)
+        self._complaint = Complaint(source)
+        self._complains = False
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
@@ -145,13 +148,23 @@ class TrackerAgent:
     def step(self) -> None:
         """Do what is due now; never blocks. To be called ten times a second or more often."""
         now_ns = self._clock.now_ns()
-        for sample in self._sampled(now_ns):
-            self._samples.add(sample, now_ns)
+        heard = [self._samples.add(sample, now_ns) for sample in self._sampled(now_ns)]
+        self._complaint.listened(any(heard), self.dropped, now_ns)
         for message in self._link.receive():
             self._hear(message, now_ns)
         self._miss_the_controller(now_ns)
         self._vehicle.update(now_ns)
         self._report(now_ns)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Samples that were no levels, or too old or too new, by reason."""
+        return self._samples.dropped
+
+    @property
+    def source_complaint(self) -> str | None:
+        """What came of the receiver instead of levels, for people; None where levels come."""
+        return self.source_failure or self._complaint.text(self.dropped, self._clock.now_ns())
 
     def close(self) -> None:
         """Hold, and give back what the source, the vehicle and the link hold."""
@@ -172,7 +185,6 @@ class TrackerAgent:
         except Exception as error:
             self.source_failure = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             self.ignored["source failed"] += 1
-            self._notices.put(Severity.ERROR, f"hears nothing any more: {self.source_failure}")
             return []
 
     def _hear(self, message: Message, now_ns: int) -> None:
@@ -247,6 +259,15 @@ class TrackerAgent:
         return max(CHANGE_TOLD_HZ, self._settings.heartbeat_hz) if has_changed else self._settings.heartbeat_hz
 
     def _report_notices(self, now_ns: int) -> None:
+        complaint = self.source_complaint
+        if (complaint is None) is self._complains:
+            self._complains = complaint is not None
+            said = (
+                (Severity.INFO, "hears again")
+                if complaint is None
+                else (Severity.WARNING, f"hears nothing: {complaint}")
+            )
+            self._notices.put(*said)
         for severity, text in self._vehicle.said():
             self._notices.put(severity, text)
         notice = self._notices.due(now_ns)

@@ -5,7 +5,6 @@ A recording is rows of (seconds, dBm): ``csv_rows`` reads them from a table, ``j
 """
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from ....reading import Bounds, opened_table, read_json
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
 from .protocol import MOST_PER_READ, Row, Sample
+from .rejected import Rejected
 
 RECORDING_BOUNDS = Bounds(most_bytes=64 * 2**20, most_values=2**21, is_finite=False)
 """Of a JSON recording, which is held in memory. What is no number in it is a missing sample."""
@@ -31,13 +31,19 @@ class ReplaySource:
     """
 
     def __init__(self, rows: Iterator[Row]) -> None:
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejected()
+        self._is_over = False
         self._rows = rows
         self._waiting = next(rows, None)
         if self._waiting is None:
             raise InputError("the recording holds no sample")
         self._start: tuple[int, float] | None = None
         self._last_s = -math.inf
+
+    @property
+    def silence(self) -> str:
+        """A gap, or the end."""
+        return "the recording is over" if self._is_over else "the recording has a gap"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The samples that have fallen due."""
@@ -46,10 +52,11 @@ class ReplaySource:
             row = self._waiting or next(self._rows, None)
             self._waiting = None
             if row is None:
+                self._is_over = True
                 break
             time_s, rssi_dbm = row
             if time_s < self._last_s:
-                self.rejected["goes back in time"] += 1
+                self.rejected.add("going back in time")
                 continue
             self._start = self._start or (now_ns, time_s)
             due_ns = self._start[0] + round((time_s - self._start[1]) * 1e9)
