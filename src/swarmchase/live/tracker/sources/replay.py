@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
-from ....ranges import shown
+from ....ranges import MOST_SHOWN_CHARACTERS
 from ....reading import Bounds, opened_table, read_json
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
@@ -94,7 +94,8 @@ def csv_rows(
     with opened_table(path, "recording") as table:
         for column in [rssi_column] + ([time_column] if time_column else []):
             if column not in (table.fieldnames or []):
-                raise InputError(f"{path} has no column {column!r}: it has {shown(table.fieldnames or [])}")
+                names = ", ".join(table.fieldnames or [])[:MOST_SHOWN_CHARACTERS]
+                raise InputError(f"{path} has no column {column!r}: it has {names}")
         for number, fields in enumerate(table):
             time_s = _number(fields[time_column]) if time_column else number * interval_s
             if math.isfinite(time_s):
