@@ -10,17 +10,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase.benchmarks import separation as benchmark
 from swarmchase.errors import InputError
+from swarmchase.formation import Action
+from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.separation import MARGIN_M, POSITION_ERROR_M, STRAYING_M
 from swarmchase.live.service.set_point_stream import SetPointStream
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.live.tracker.vehicles import VehicleLimits
+from swarmchase.observation import Observation
 from swarmchase.simulation import encounters
-from swarmchase.simulation.encounters import DIES, MOST_ERROR_M, PILOT, Event, fly, situation
+from swarmchase.simulation.encounters import DIES, MOST_ERROR_M, PILOT, Event, Situation, fly, situation
+from swarmchase.simulation.faulty_path import Faults
 from swarmchase.simulation.virtual_chase import VirtualChase
 
 IDEAL = VehicleLimits()
@@ -44,14 +49,30 @@ def test_the_margin_is_that_of_the_vehicles_that_are_flown() -> None:
     assert words == {"pilot", "cut link", "service hangs", "service dies", "kill", "restart", "frozen", "slow"}
 
 
-@pytest.mark.parametrize("taken_over_s", [1.8, 2.4, 3.0])
-def test_who_is_stopped_in_mid_flight_is_not_flown_into(taken_over_s: float) -> None:
-    """A pilot takes tracker 0 in a movement of a narrow formation, at the default limit and with ideal vehicles."""
-    one = dataclasses.replace(situation(27), vehicles=(IDEAL,) * 6, events=(Event(PILOT, 0, taken_over_s, math.inf),))
-    assert one.limits.minimum_separation_m == 1
-    encounter = fly(one)
-    assert encounter.movements >= 2
-    assert encounter.least_m >= 1 - 0.05
+class FliesNorthEast:
+    """In the narrowest formation, in which tracker 3 then follows tracker 0, sqrt(2) m behind it."""
+
+    name = "north-east"
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> None:
+        pass
+
+    def decide(self, observation: Observation, memory: None) -> tuple[Action, None]:
+        return Action(torch.tensor([1.0]), torch.tensor([[4.0, 4.0, 0.0]])), memory
+
+
+@pytest.mark.parametrize("taken_over_s", [1.2, 1.5, 1.8, 2.1])
+def test_who_is_stopped_in_mid_flight_is_not_flown_into(taken_over_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pilot takes tracker 0 at several moments of a movement, at the default limit of 1 m; where set-points alone are
+    kept apart tracker 3 passes it at 1 to 4 cm. The others go on.
+    """
+    monkeypatch.setattr(encounters, "_WantsAnything", FliesNorthEast)
+    taken_over = Event(PILOT, 0, taken_over_s, math.inf)
+    encounter = fly(Situation(0, SafetyLimits(), 1.0, tuple(range(6)), (IDEAL,) * 6, Faults(), (taken_over,)))
+    assert 1 <= encounter.least_m < 1.05
+    assert encounter.pair == (0, 3)
+    assert encounter.movements == 2
+    assert encounter.evasions["by a detour"] == 1
 
 
 def test_trackers_that_lose_their_controller_come_back_at_the_distances_at_which_they_went() -> None:
@@ -88,9 +109,9 @@ def test_at_a_corner_all_wait_until_everybody_has_arrived() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SetPointStream, "turn", watched)
         patch.setattr(encounters, "_happen", lambda one, chase, _: chases.append(chase))
-        encounter = fly(dataclasses.replace(situation(22), vehicles=(IDEAL,) * 6, events=()))
+        encounter = fly(dataclasses.replace(situation(18), vehicles=(IDEAL,) * 6, events=()))
     assert encounter.evasions.keys() & {"in turns", "by a detour"}
-    assert len(turns) >= 2
+    assert len(turns) >= 3
     assert max(turns) <= ServiceSettings().arrival_tolerance_m
 
 
