@@ -429,7 +429,7 @@ def test_the_distance_to_the_target_is_the_evaluation_s_also_with_two_trackers_l
     world.announce(START_NS, (4.0, 4.0, -4.0), 2.0)
     for tracker, (x_m, y_m, z_m) in enumerate(tracker_position_m(state.center_m, state.spacing_m)[0].tolist()):
         if tracker not in {1, 4}:  # they stay where they were
-            world.vehicles[tracker]._position_m = (x_m, y_m, z_m)
+            world.vehicles[tracker]._true_position_m = (x_m, y_m, z_m)
     assert world.distance_to_target_m() == pytest.approx(float(distance_to_target_m(state)[0]), abs=0.01)
 
 
