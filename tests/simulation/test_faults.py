@@ -7,6 +7,7 @@ Seconds are of that clock, and the same in every run. Undisturbed, the chase of 
     11.75 moving   13.75 sampling   15.15 reached
 """
 
+import itertools
 import math
 import re
 import time
@@ -273,7 +274,9 @@ def test_after_an_outage_windows_and_actions_are_those_of_an_undisturbed_chase(
 
 
 def test_when_the_controller_dies_trackers_hold_and_after_a_minute_return() -> None:
-    """Row "controller dies, link down": returns after a set time. Sixty seconds after the last set-point."""
+    """Row "controller dies, link down": returns after a set time. Sixty seconds after the last set-point, the way they
+    came: as slowly, and as far from one another.
+    """
     flight = Flight(sampling_hz=10)
     flight.run_to(8.0)
     homes_m = np.array([[5, 0, 0], [-5, 0, 0], [0, 5, 0], [0, -5, 0], [0, 0, 5], [0, 0, -5]])
@@ -287,8 +290,11 @@ def test_when_the_controller_dies_trackers_hold_and_after_a_minute_return() -> N
     while flight.seconds < died_s + 59.9:
         flight.chase.tick_without_service()
     assert np.array_equal(flight.chase.site.positions_m(), stood_m)
-    while flight.seconds < died_s + 65:
+    while flight.seconds < died_s + 60 + died_s + 7:
         flight.chase.tick_without_service()
+        positions_m = np.array(flight.chase.site.positions_m())
+        assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(positions_m, 2)) >= 1.4
+        assert max(flight.speeds_mps()) <= 5 + 1e-9
     assert np.array(flight.chase.site.positions_m()) == pytest.approx(homes_m, abs=0.02)
     # They follow nobody: a controller that comes back finds them at their disposal.
     assert [agent._mode() for agent in flight.chase.agents if agent is not None] == [TrackerMode.HOLDING] * 6

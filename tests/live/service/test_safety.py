@@ -21,7 +21,7 @@ from swarmchase.live.service.safety import (
     formation_m,
     is_clear,
 )
-from swarmchase.live.service.separation import Traffic
+from swarmchase.live.service.separation import BRAKING_MPS2, REACTION_S, Traffic, Ways, stopping_m
 from swarmchase.live.service.set_point_stream import LEAD_S, LONGEST_STEP_S, SetPointStream
 
 CHOICES_M = (1.0, 2.0, 3.0, 4.0, 5.0)
@@ -370,6 +370,96 @@ def test_whatever_legs_it_is_given_the_stream_keeps_to_the_limits(legs: list[lis
         assert worst_excess_m(LIMITS, stream.set_point_m) <= 0
         assert least_distance_m(stream.set_point_m) >= 1 - TINY_M
         assert np.linalg.norm(stream.set_point_m - before_m, axis=1).max() <= 25 + TINY_M
+
+
+# The ways of vehicles
+
+
+def moving_traffic(position_m: np.ndarray, velocity_mps: np.ndarray) -> Traffic:
+    """Who is not commanded comes to rest where it can stop."""
+    return Traffic(position_m, velocity_mps, position_m + stopping_m(velocity_mps))
+
+
+def two(one_m: np.ndarray, other_m: np.ndarray) -> np.ndarray:
+    points_m = np.full((6, 3), math.nan)
+    points_m[0], points_m[1] = one_m, other_m
+    return points_m
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.tuples(point, point, point, point))
+def test_ways_against_many_points_of_both(ends: tuple[tuple[float, ...], ...]) -> None:
+    """The closed form and the least distance of 401 x 401 points, which is at most a step too large."""
+    one_m, one_end_m, other_m, other_end_m = (np.array(end) for end in ends)
+    share = np.linspace(0, 1, 401)[:, None]
+    points_m, others_m = one_m + share * (one_end_m - one_m), other_m + share * (other_end_m - other_m)
+    by_hand_m = np.linalg.norm(points_m[:, None] - others_m[None], axis=2).min()
+    ways = Ways(two(one_m, other_m), two(one_end_m, other_end_m), np.zeros(6))
+    apart_m = ways.apart_m()
+    assert by_hand_m - 28 / 400 <= apart_m[0] <= by_hand_m + TINY_M
+    assert np.isinf(apart_m[1:]).all()
+
+
+def test_nobody_sets_out_across_the_way_of_one_that_may_still_be_stopped_on_it() -> None:
+    """Tracker 1 is 4 m from its set-point: tracker 0 may not cross between, though the set-points are far apart."""
+    stream = SetPointStream(LIMITS)
+    stream.hold(0, at(2, -2, 0))
+    stream.hold(1, at(4, 0, 0))
+    end_m = two(at(2, 2, 0), at(4, 0, 0))
+    stream.fly((end_m,))
+    behind_m = two(at(2, -2, 0), at(0, 0, 0))
+    for _ in range(40):
+        stream.advance(0.05, traffic(behind_m))
+        behind_m[0] = stream.set_point_m[0]
+    assert -1.2 < stream.set_point_m[0, 1] <= -1
+    for _ in range(40):  # it has arrived
+        stream.advance(0.05, traffic(stream.set_point_m))
+    assert stream.has_arrived
+
+
+def test_a_set_point_is_pulled_back_from_somebody_who_comes_into_the_way() -> None:
+    """Tracker 0 flies at 2 m/s and is 4 m from its set-point; tracker 1, which its pilot flies, comes into its way."""
+    stream = SetPointStream(LIMITS)
+    stream.hold(0, at(4, 0, 0))
+    position_m, velocity_mps = two(at(0, 0, 0), at(3, 0.5, 0)), np.zeros((6, 3))
+    velocity_mps[0] = at(2, 0, 0)
+    stream.advance(0.05, moving_traffic(position_m, velocity_mps))
+    assert stream.set_point_m[0] == pytest.approx(at(2 * REACTION_S + 2**2 / (2 * BRAKING_MPS2), 0, 0))
+    assert stream.pulled_back == 1
+    # Where it can no longer do anything about it, it is not led on.
+    position_m[1] = at(0.5, 0.5, 0)
+    stream.advance(0.05, moving_traffic(position_m, velocity_mps))
+    assert stream.set_point_m[0, 0] <= 2 * REACTION_S + 2**2 / (2 * BRAKING_MPS2) + TINY_M
+    # Who flies away from it is let go.
+    stream.set_point_m[0] = at(-4, 0, 0)
+    stream.advance(0.05, moving_traffic(position_m, np.zeros((6, 3))))
+    assert stream.set_point_m[0].tolist() == [-4, 0, 0]
+
+
+def test_what_a_vehicle_flies_beside_its_way_counts() -> None:
+    """At 2 m/s across its way it gets 1 m away from it before it has stopped."""
+    velocity_mps = np.zeros((6, 3))
+    velocity_mps[0], velocity_mps[1] = at(3, 2, 0), at(-1, 0, 0)
+    ways = moving_traffic(two(at(0, 0, 0), at(0, 9, 0)), velocity_mps).ways(two(at(5, 0, 0), at(5, 9, 0)))
+    assert ways.stray_m[:2] == pytest.approx([2**2 / (2 * BRAKING_MPS2), 1 / (2 * BRAKING_MPS2)])
+
+
+def test_at_a_corner_the_stream_waits_to_be_told() -> None:
+    stream = SetPointStream(LIMITS)
+    stream.hold(0, at(0, 0, 0))
+    corner_m, end_m = two(at(1, 0, 0), at(1, 0, 0)), two(at(1, 1, 0), at(1, 1, 0))
+    stream.fly((corner_m, end_m))
+    assert stream.ways_m() == [1, 1]
+    for _ in range(20):
+        stream.advance(0.05, traffic(stream.set_point_m))
+    assert stream.is_at_corner
+    assert not stream.has_arrived
+    assert stream.set_point_m[0].tolist() == [1, 0, 0]
+    stream.turn()
+    for _ in range(20):
+        stream.advance(0.05, traffic(stream.set_point_m))
+    assert stream.has_arrived
+    assert stream.set_point_m[0].tolist() == [1, 1, 0]
 
 
 # Whatever a controller does

@@ -31,6 +31,7 @@ from swarmchase.live.tracker.agent import BRAKED_S, AgentSettings, SetPointRule,
 from swarmchase.live.tracker.loop import run_tracker
 from swarmchase.live.tracker.sources import CalibratedSource, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
+from swarmchase.live.tracker.way_back import MOST_PLACES, STEP_M, WayBack
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 TRACKER = 3
@@ -705,3 +706,12 @@ def test_what_happened_to_the_source_is_told_once() -> None:
     ]
     assert summary.ignored == {"source failed": 1}
     assert situation.fake.orders == ["hold", "close"]
+
+
+def test_a_way_too_long_to_be_remembered_begins_later() -> None:
+    way = WayBack()
+    for step in range(MOST_PLACES + 1):
+        way.note(step * 10, (step * STEP_M * 1.01, 0.0, 0.0))
+    last_m = MOST_PLACES * STEP_M * 1.01
+    assert way.back_at(MOST_PLACES * 10) == ((last_m, 0, 0), False)
+    assert way.back_at(0) == ((last_m / 2, 0, 0), True)

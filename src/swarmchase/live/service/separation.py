@@ -69,13 +69,26 @@ class Ways:
         """How far each two have to be apart [pair]."""
         return np.asarray(separation_m + np.nan_to_num(self.stray_m[_ONE] + self.stray_m[_OTHER]))
 
+    def ends_apart_m(self) -> Levels:
+        """How far each of two ends from the whole other way [2, pair]."""
+        return np.stack(
+            [
+                _segments_apart_m(self.end_m[one], self.end_m[one], self.start_m[other], self.end_m[other])
+                for one, other in ((_ONE, _OTHER), (_OTHER, _ONE))
+            ]
+        )
+
     def may_become(self, other: "Ways", separation_m: float) -> bool:
-        """Whether these ways may give way to others: none too near, or at least none nearer than before."""
+        """Whether these ways may give way to others: none too near, or at least neither nearer than before nor ending
+        nearer, lest two that are driven together by the wind are led together by and by.
+        """
         apart_m = other.apart_m()
         too_near = apart_m < other.needed_m(separation_m)
         if not too_near.any():
             return True
-        return bool(np.all(apart_m[too_near] >= self.apart_m()[too_near] - ROUNDING_M))
+        is_nearer = apart_m < self.apart_m() - ROUNDING_M
+        ends_nearer = (other.ends_apart_m() < self.ends_apart_m() - ROUNDING_M).any(axis=0)
+        return not bool((too_near & (is_nearer | ends_nearer)).any())
 
     def blocked(self, separation_m: float) -> Flags:
         """Which of the vehicles would come too near to another if both went on, and nearer than they are [tracker]."""

@@ -117,16 +117,17 @@ class Swarm:
     def _stop_m(self, seen_m: Points, velocity_mps: Points) -> Points:
         """Where those come to rest that are not commanded [tracker, 3].
 
-        One that is lost flew to its last set-point, and so does at first one that was taken over; one that was left
-        behind may be there at any time, whatever it says. Whoever else is seen is where it can stop.
+        One that is lost flew to its last set-point, and one that was left behind may be there at any time, whatever it
+        says; whoever else is seen is where it can stop, but at first, whichever is further, may still fly to its last
+        set-point, too.
         """
-        is_unseen = [
-            record.is_lost(self._now_ns) or self._now_ns - released_ns < STILL_OBEYS_S * 1e9
-            for record, released_ns in zip(self._records, self._released_ns, strict=True)
-        ]
-        on_its_way = np.array(is_unseen) | ~self._reliability.may_be_commanded
-        has_left = on_its_way & np.isfinite(self._left_m).all(axis=1)
-        return np.where(has_left[:, None], self._left_m, seen_m + stopping_m(velocity_mps))
+        stops_m = stopping_m(velocity_mps)
+        is_lost = np.array([record.is_lost(self._now_ns) for record in self._records])
+        may_be_anywhere = is_lost | ~self._reliability.may_be_commanded
+        still_obeys = self._now_ns - np.array(self._released_ns) < STILL_OBEYS_S * 1e9
+        is_further = np.linalg.norm(self._left_m - seen_m, axis=1) > np.linalg.norm(stops_m, axis=1)
+        flies_there = np.isfinite(self._left_m).all(axis=1) & (may_be_anywhere | (still_obeys & is_further))
+        return np.where(flies_there[:, None], self._left_m, seen_m + stops_m)
 
     def obstacles_m(self) -> Points:
         """Where those may be that are not commanded [obstacle, 3]: anywhere from where they were last seen to where

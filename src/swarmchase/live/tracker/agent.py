@@ -38,6 +38,8 @@ CHANGE_TOLD_S, CHANGE_TOLD_HZ = 1.0, 20.0
 """A change of mode is told at once, and for so long so often: datagrams get lost."""
 BRAKED_S = 5.0
 """So long after it was told to hold every vehicle stands."""
+LONGEST_PAUSE_S = 0.5
+"""On the way back: a process that stood still for longer goes on where it was."""
 
 
 @dataclass(frozen=True)
@@ -137,9 +139,10 @@ class TrackerAgent:
         self._sent_ns: int | None = None
         self._obeying = False
         self._way_back = WayBack()
-        self._returns_from_ns: int | None = None
-        """The moment, in the past, at which its way back began to be flown, and that of the present, added up; None
-        while it does not return."""
+        self._back_ns: int | None = None
+        """While it returns: the moment of its way at which it is again."""
+        self._back_step_ns = 0
+        """When it came to be there."""
         self._back_m: Metres | None = None
         self._told_mode: TrackerMode | None = None
         self._changed_ns: int | None = None
@@ -199,15 +202,15 @@ class TrackerAgent:
             return
         if not self._way_back.has_begun and self._vehicle.position_m is not None:
             self._way_back.note(now_ns, self._vehicle.position_m)
-        self._sent_ns, self._obeying, self._returns_from_ns = self._rule.sent_ns(message, now_ns), True, None
+        self._sent_ns, self._obeying, self._back_ns = self._rule.sent_ns(message, now_ns), True, None
         self._vehicle.go_to(message.position_m)
 
     def _miss_the_controller(self, now_ns: int) -> None:
         """Hold, and later return, when it has fallen silent."""
         if self._vehicle.mode == TrackerMode.MANUAL:
-            self._sent_ns, self._obeying, self._returns_from_ns = None, False, None
-        if self._returns_from_ns is not None:
-            self._go_back(self._returns_from_ns - now_ns)
+            self._sent_ns, self._obeying, self._back_ns = None, False, None
+        if self._back_ns is not None:
+            self._go_back(self._back_ns, now_ns)
         elif self._way_back.has_begun and self._vehicle.position_m is not None:
             self._way_back.note(now_ns, self._vehicle.position_m)
         if self._sent_ns is None:
@@ -219,18 +222,20 @@ class TrackerAgent:
         if 0 < self._settings.return_after_s <= silent_s and self._way_back.has_begun:
             # All that lost it together begin at the same moment, and with the same moment of their ways.
             stood_s = min(self._settings.return_after_s, self._settings.hold_after_s + BRAKED_S)
-            begins_ns = self._sent_ns + round(self._settings.return_after_s * 1e9)
-            self._returns_from_ns = begins_ns + self._sent_ns + round(stood_s * 1e9)
+            self._back_ns = self._sent_ns + round(stood_s * 1e9)
+            self._back_step_ns = self._sent_ns + round(self._settings.return_after_s * 1e9)
             self._sent_ns = self._back_m = None
 
-    def _go_back(self, moment_ns: int) -> None:
-        """Fly to where it was at this moment."""
-        back_m, is_home = self._way_back.back_at(moment_ns)
+    def _go_back(self, back_ns: int, now_ns: int) -> None:
+        """Fly to where it was as long before this moment as has passed; after a pause it does not make up for it."""
+        self._back_ns = back_ns - min(now_ns - self._back_step_ns, round(LONGEST_PAUSE_S * 1e9))
+        self._back_step_ns = now_ns
+        back_m, is_home = self._way_back.back_at(self._back_ns)
         if back_m != self._back_m:
             self._back_m = back_m
             self._vehicle.go_to(back_m)
         if is_home:
-            self._returns_from_ns = None
+            self._back_ns = None
 
     def _report(self, now_ns: int) -> None:
         if self._is_due("window", self._settings.window_hz, now_ns):

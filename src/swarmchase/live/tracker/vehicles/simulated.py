@@ -39,7 +39,8 @@ class VehicleLimits:
     lag_s: float = ranged(0.0, AT_LEAST_ZERO)
     """In which it makes two thirds of a change of speed."""
     gusts_mps2: float = ranged(0.0, AT_LEAST_ZERO)
-    """What the wind adds to its acceleration (root mean square), beyond what it has got used to."""
+    """What the wind adds to its acceleration (root mean square), beyond what it has got used to. It fights gusts with
+    its lag alone: the acceleration above is what it is told to use, and less than it has."""
     position_error_m: float = ranged(0.0, AT_LEAST_ZERO)
     """How far it is from where it takes itself to be, in a direction that turns once in ``ERROR_PERIOD_S``."""
 
@@ -62,6 +63,7 @@ class SimulatedVehicle:
         self._error_m = _times(self._direction(), self._limits.position_error_m)
         self._error_axis = self._direction()
         self._gust_mps2: Metres = (0.0, 0.0, 0.0)
+        self._blown_mps: Metres = (0.0, 0.0, 0.0)
         self._rest_m: Metres | None = None
         self._velocity_mps: Metres = (0.0, 0.0, 0.0)
         self._target_m: Metres | None = None
@@ -86,7 +88,7 @@ class SimulatedVehicle:
     @property
     def velocity_mps(self) -> Metres:
         """How fast it is."""
-        return self._velocity_mps
+        return _plus(self._velocity_mps, self._blown_mps)
 
     @property
     def mode(self) -> TrackerMode:
@@ -140,11 +142,12 @@ class SimulatedVehicle:
             change_mps = _times(change_mps, min(step_s / limits.lag_s, 1.0))
         change_mps = _shortened(change_mps, limits.acceleration_mps2 * step_s)
         self._velocity_mps = _plus(self._velocity_mps, change_mps)
-        if limits.gusts_mps2 > 0:
-            self._velocity_mps = _plus(self._velocity_mps, _times(self._gust(step_s), step_s))
+        if limits.gusts_mps2 > 0 and limits.lag_s > 0:
+            kept = max(1 - step_s / limits.lag_s, 0.0)
+            self._blown_mps = _plus(_times(self._blown_mps, kept), _times(self._gust(step_s), step_s))
         if limits.position_error_m > 0:
             self._turn_the_error(step_s)
-        self._true_position_m = _plus(self._true_position_m, _times(self._velocity_mps, step_s))
+        self._true_position_m = _plus(self._true_position_m, _times(self.velocity_mps, step_s))
         if self._target_m is not None:
             distance_m = math.dist(self.position_m, self._target_m)
             if distance_m < ARRIVED_M and math.hypot(*self._velocity_mps) < ARRIVED_MPS:
