@@ -12,6 +12,7 @@ from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame
+from swarmchase.live.link.news import LinkNews
 from swarmchase.live.log.entries import LogHead
 from swarmchase.live.page.info import page_info
 from swarmchase.live.service.chase_state import Decision, Snapshot, Transition
@@ -69,7 +70,8 @@ class ShownChase:
             starts=False,
         )
         self.head = head_for(controller, limits)
-        self.events = Events(Alarms(chase.link), [self.entries.append])
+        link_news = LinkNews(chase.link, lambda: chase.clock.now_ns() / 1e9)
+        self.events = Events(Alarms(chase.link), [self.entries.append], link_news.lines)
         target_m = chase.site.radio.target_m
         self._chronicle = Chronicle(chase.link, START_NS, [take], self.events, lambda: target_m)
         chase._recorder = self._record

@@ -80,17 +80,20 @@ def test_rejections_are_told_again_after_a_pause() -> None:
 
     noise = b"\xfenoise"
     shown.chase.network.controller.put(noise, ("stranger", 1))
-    assert run_to(1.0) == ["datagrams are rejected: malformed"]
+    assert run_to(1.0) == ["rejected a datagram: malformed"]
     for _ in range(5):
         shown.chase.network.controller.put(noise, ("stranger", 1))
         run_to(shown.seconds() + 1)
     (alarm,) = shown.events.alarms
     assert alarm.text == "datagrams are rejected: malformed 1.2/s"  # six in five seconds
-    once = ["datagrams are rejected: malformed", "no datagram has been rejected for 10 s"]
+    once = ["rejected a datagram: malformed", "no datagram has been rejected for 10 s"]
     assert run_to(18.0) == once
     assert shown.events.alarms == []
     shown.chase.network.controller.put(noise, ("stranger", 1))
-    assert run_to(19.0) == [*once, "datagrams are rejected: malformed"]
+    assert run_to(19.0) == once
+    assert [alarm.text for alarm in shown.events.alarms] == ["datagrams are rejected: malformed 1.0/s"]
+    assert run_to(61.0)[2] == "no datagram has been rejected for 10 s"
+    assert re.fullmatch(r"rejected 6 more \(0\.1 a second\): malformed", run_to(61.0)[-1])
 
 
 @pytest.mark.parametrize(

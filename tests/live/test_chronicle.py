@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,6 +16,7 @@ from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.link.messages import Metres, TrackerMode
+from swarmchase.live.link.rejection import Reason, RejectedError
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, TrackerSnapshot
 
 BEGAN_NS = 7 * 10**12
@@ -185,7 +185,8 @@ def test_alarms_rejections_and_the_target_are_those_of_the_moment(link: Controll
     shown = Shown(link)
     shown.step()
     shown.alarms, shown.target_m = [Alarm("log", "the log has lost 3 frames")], (1.0, 2.00049, -3.0)
-    link._rejected = Counter({"wrong key": 3, "giant": 1})
+    for reason in [Reason.WRONG_KEY] * 3 + [Reason.GIANT]:
+        link.rejections.add(RejectedError(reason))
     shown.step()
     shown.step(recorder_failures=2)
     first, last = shown.frames

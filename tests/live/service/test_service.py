@@ -456,7 +456,7 @@ def test_one_of_only_four_that_are_heard_lies(lie: str, minimum_trackers: int) -
     if lie == "place":
         says_that_it_is_off(bench.trackers[5], [29.9, 0.0, 0.0])
     else:
-        bench.level_dbm = lambda tracker, now_ns: 20.0 if tracker.number == 5 else -60.0
+        bench.level_dbm = lambda tracker, now_ns: -10.0 if tracker.number == 5 else -60.0
     decided = len(bench.decisions())
     bench.run(25)
     named = [number for number, tracker in enumerate(bench.service.snapshot().trackers) if tracker.left_out]
@@ -667,7 +667,7 @@ def test_the_operator_declares_the_target_reached() -> None:
 
 def test_resumed_after_reached_it_goes_on_and_judges_anew() -> None:
     """It takes two windows to be declared reached; those from before the operator's word do not count."""
-    bench = Bench(level_dbm=lambda *_: 0.0, service_settings=ServiceSettings(settle_s=0.0))
+    bench = Bench(level_dbm=lambda *_: -25.0, service_settings=ServiceSettings(settle_s=0.0))
     bench.still.displacement_m = [0.0, 0.0, 0.0]
     bench.run_until(REACHED)
     assert len(bench.decisions()) == 1
