@@ -86,6 +86,7 @@ def _tracker(number: int, center_m: list[float], spacing_m: float, draw: random.
         loss_share=0.37 if is_stale else round(draw.uniform(0, 0.04), 3),
         missing_share=0.62 if is_stale else 0.04,
         rssi_dbm=rssi_dbm,
+        dropped={},
     )
 
 

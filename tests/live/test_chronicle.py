@@ -28,6 +28,7 @@ THERE = TrackerSnapshot(
     is_silent=False,
     missing_share=0.0,
     rssi_dbm=(-60.0, -61.0),
+    dropped={},
 )
 NOWHERE = dataclasses.replace(
     THERE, position_m=None, set_point_m=None, mode=None, is_lost=True, is_silent=True, missing_share=1.0

@@ -16,6 +16,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, tracker_position_m
+from swarmchase.levels import highest_dbm, is_level
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.codec import TRACKER_COMPONENT, ReportDecoder, system_of
 from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
@@ -38,7 +39,7 @@ from swarmchase.simulation.fault_plan import (
 from swarmchase.simulation.faulty_path import Faults
 from swarmchase.simulation.forger import Forger
 from swarmchase.simulation.radio import BREAK_AFTER_S, BREAK_BEFORE_S, Radio
-from swarmchase.simulation.receivers_gone_wrong import ABSURD_DBM, FailingReceiver
+from swarmchase.simulation.receivers_gone_wrong import FailingReceiver
 from swarmchase.simulation.site import MOST_SAMPLES_MADE_UP, Site
 from swarmchase.simulation.tracker_processes import free_udp_ports
 from swarmchase.simulation.udp_relay import UdpRelay
@@ -184,11 +185,14 @@ def test_a_stuck_receiver_repeats_the_last_level_from_before_and_recovers() -> N
     ]
 
 
-def test_garbage_is_nothing_that_a_receiver_can_mean_and_all_of_it_comes() -> None:
+def test_garbage_comes_among_true_levels_and_all_of_it_is_dropped_or_harmless() -> None:
+    """Each of the numbers that receivers report; of them only the single -89 is a level of Table I's transmitter."""
     receiver = FailingReceiver(Random(1))
-    levels_dbm = {receiver.reported((number, -60.0), GARBAGE)[0][1] for number in range(200)}
-    assert levels_dbm == set(ABSURD_DBM)
-    assert not any(-200 <= level_dbm <= 50 for level_dbm in levels_dbm)
+    levels_dbm = [receiver.reported((number, -60.0), GARBAGE)[0][1] for number in range(400)]
+    assert set(levels_dbm) == {0, 31, 127, -128, 17, 121, -89, -60}
+    assert 150 < levels_dbm.count(-60) < 250
+    highest = highest_dbm(paper_scenario())
+    assert {level_dbm for level_dbm in levels_dbm if is_level(level_dbm, highest)} == {-60, -89}
 
 
 # The forger

@@ -35,7 +35,7 @@ def message(first: int, last: int, start_ns: int = START_NS, tracker: int = 0) -
 
 
 def window_of(messages: Sequence[RssiWindow], since_ns: int = START_NS, samples: int = 10) -> np.ndarray:
-    window = SampleWindow(10.0, samples)
+    window = SampleWindow(paper_scenario(sampling_hz=10, window_samples=samples))
     for one in messages:
         window.add(one)
     return window.window(since_ns)[0]
@@ -47,7 +47,7 @@ def same(one: np.ndarray, other: np.ndarray) -> bool:
 
 def test_by_hand() -> None:
     """Two messages that overlap, and a gap between them and a third."""
-    window = SampleWindow(10.0, 10)
+    window = SampleWindow(SCENARIO)
     window.add(message(0, 2))
     window.add(message(1, 4))
     window.add(message(7, 8))
@@ -122,7 +122,7 @@ def test_a_tracker_that_samples_faster_is_thinned_out() -> None:
 
 
 def test_samples_that_come_too_late_do_not_harm_those_that_took_their_place() -> None:
-    window = SampleWindow(10.0, 10)
+    window = SampleWindow(SCENARIO)
     room = 2 * 10 + 50
     window.add(message(room, room + 9))
     window.add(message(0, 9))

@@ -26,7 +26,7 @@ from swarmchase.live.link.messages import (
 from swarmchase.live.stop_request import StopRequest
 from swarmchase.live.tracker.agent import AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.tracker.loop import run_tracker
-from swarmchase.live.tracker.sources import CalibratedSource, Sample, SimulatedSource
+from swarmchase.live.tracker.sources import CalibratedSource, Rejected, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
@@ -175,7 +175,10 @@ def test_a_silent_receiver_is_reported_as_missing_samples() -> None:
 class Silent:
     """A receiver that hears nothing, or whose numbers are nonsense."""
 
+    silence = "it never speaks"
+
     def __init__(self, *levels_dbm: float) -> None:
+        self.rejected = Rejected()
         self.levels_dbm = levels_dbm
 
     def read(self, now_ns: int) -> list[Sample]:
@@ -542,8 +545,11 @@ def test_the_agent_is_small() -> None:
 class BrokenSource:
     """Fails at its third read."""
 
+    silence = "it has failed"
+
     def __init__(self, error: Exception) -> None:
         self.error, self.reads, self.closed = error, 0, False
+        self.rejected = Rejected()
 
     def read(self, now_ns: int) -> list[Sample]:
         self.reads += 1
@@ -604,7 +610,7 @@ def test_what_happened_to_the_source_is_told_once() -> None:
     assert reads == [1, 2, *[3] * 8]
     assert told == [
         "tracker 3 holds, at (1.00, 2.00, 3.00) m",
-        "tracker 3 hears nothing any more, and flies on: link type 1 is refused: allowed is 127, radiotap",
+        "tracker 3 hears nothing, and flies on: link type 1 is refused: allowed is 127, radiotap",
     ]
     assert summary.ignored == {"source failed": 1}
     assert situation.fake.orders == ["hold", "close"]

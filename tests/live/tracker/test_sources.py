@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
+from swarmchase.levels import is_level, level_or_nan
 from swarmchase.live.link.messages import RssiWindow
 from swarmchase.live.serial_port import open_serial_port
 from swarmchase.live.tracker.sources import (
@@ -27,6 +28,7 @@ from swarmchase.live.tracker.sources import (
     JsonLinesSource,
     KismetSource,
     PcapSource,
+    Rejected,
     ReplaySource,
     RssiSource,
     Sample,
@@ -69,7 +71,10 @@ def eventually(condition: Callable[[], bool]) -> None:
 class Given:
     """A source that gives what it is told to."""
 
+    silence = "nothing is given"
+
     def __init__(self, *samples: Sample) -> None:
+        self.rejected = Rejected()
         self.samples = list(samples)
         self.closed = False
 
@@ -92,6 +97,10 @@ class Given:
         (-200.1, None),  # would become plausible
         (50.0, None),  # would not be any more
         (47.5, 50.0),
+        (0.0, None),  # would become -55 dBm of a receiver that heard nothing
+        (31.0, None),
+        (127.0, None),
+        (-128.0, None),
         (math.nan, None),
         (math.inf, None),
         (-math.inf, None),
@@ -101,18 +110,18 @@ class Given:
 def test_calibration_is_added_and_garbage_stays_garbage(reported_dbm: float, expected_dbm: float | None) -> None:
     inner = Given((5, reported_dbm))
     source = CalibratedSource(inner, 2.5)
-    samples = source.read(9)
-    assert [time_ns for time_ns, _ in samples] == [5]
-    assert levels(samples) == [expected_dbm]
+    ((time_ns, rssi_dbm),) = source.read(9)
+    assert time_ns == 5
+    assert levels([(5, level_or_nan(rssi_dbm))]) == [expected_dbm]
     source.close()
     assert inner.closed
 
 
 @settings(deadline=None)
 @given(st.floats(), st.floats(-100, 100))
-def test_every_calibrated_sample_may_be_sent(reported_dbm: float, offset_db: float) -> None:
-    ((time_ns, rssi_dbm),) = CalibratedSource(Given((5, reported_dbm)), offset_db).read(9)
-    RssiWindow(0, time_ns, 10.0, (rssi_dbm,))
+def test_no_offset_makes_a_level_of_what_is_none(reported_dbm: float, offset_db: float) -> None:
+    ((_, rssi_dbm),) = CalibratedSource(Given((5, reported_dbm)), offset_db).read(9)
+    assert is_level(reported_dbm) or not is_level(rssi_dbm)
 
 
 # The sampling grid
@@ -142,6 +151,11 @@ def filled(samples: list[tuple[float, float]], now_s: float, num_samples: int = 
         # Of two in one slot the later, in whatever order they come.
         ([(7.0, -60), (7.08, -61), (7.12, -62)], 7.2, 7.1, [-60, -62]),
         ([(7.0, -60), (7.12, -62), (7.08, -61)], 7.2, 7.1, [-60, -62]),
+        # Of two taken at one time the one that came last, be it the weaker one.
+        ([(7.0, -60), (7.1, -61), (7.1, -65)], 7.2, 7.1, [-60, -65]),
+        ([(7.0, -60), (7.1, -65), (7.1, -61)], 7.2, 7.1, [-60, -61]),
+        # Error values are none, before, after and instead of a level.
+        ([(7.0, -60), (7.08, 0), (7.1, -61), (7.12, 31), (7.2, -128), (7.3, 127)], 7.3, 7.1, [-60, -61]),
         # Reordered, repeated.
         ([(7.0, -60), (7.2, -62), (7.1, -61), (7.1, -61)], 7.2, 7.2, [-60, -61, -62]),
         # Only the last five are kept, and what is older than they are is not taken up.
@@ -182,9 +196,11 @@ def test_refused_grids(sampling_hz: float, num_samples: int) -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 20 * SECOND_NS), st.floats()), max_size=60), st.randoms(use_true_random=False))
-def test_every_window_may_be_sent_and_order_does_not_matter(samples: list[Sample], order: random.Random) -> None:
+def test_every_window_may_be_sent_and_order_does_not_matter(drawn: list[Sample], order: random.Random) -> None:
+    """But of two samples taken at one time the one that comes last stays: here there are none such."""
     now_ns = 15 * SECOND_NS
     first: Sample = (0, -60.0)  # the grid is the first one's
+    samples = [sample for sample in dict(drawn).items() if sample[0] != 0]
     windows = []
     for _ in range(2):
         buffer = SampleBuffer(10.0)
@@ -248,7 +264,7 @@ def test_a_recording_is_played_at_its_pace_gaps_included(tmp_path: Path) -> None
     samples = source.read(start_ns + 60 * SECOND_NS)
     assert [time_ns - start_ns for time_ns, _ in samples] == [3 * SECOND_NS, 3 * SECOND_NS + SECOND_NS // 2]
     assert levels(samples) == [None, -63.5]
-    assert source.rejected == {"goes back in time": 1}
+    assert source.rejected == {"going back in time": 1}
     assert source.read(start_ns + 99 * SECOND_NS) == []
     source.close()
 
@@ -368,7 +384,7 @@ def test_the_other_field_tests() -> None:
     ],
 )
 def test_records(line: str, expected: tuple[float | None, int | None]) -> None:
-    record = parse_record(line.encode())
+    record = parse_record(line.encode(), Rejected())
     assert record is not None
     assert (levels([(0, record[0])])[0], record[1]) == expected
 
@@ -400,7 +416,9 @@ def test_records(line: str, expected: tuple[float | None, int | None]) -> None:
     ],
 )
 def test_lines_that_are_no_records(line: str) -> None:
-    assert parse_record(line.encode(errors="surrogateescape")) is None
+    rejected = Rejected()
+    assert parse_record(line.encode(errors="surrogateescape"), rejected) is None
+    assert rejected.total() == 1
 
 
 ANY_JSON = st.recursive(
@@ -418,7 +436,7 @@ ANY_JSON = st.recursive(
     )
 )
 def test_any_line_is_a_record_or_is_none(line: bytes) -> None:
-    record = parse_record(line)
+    record = parse_record(line, Rejected())
     if record is not None:
         rssi_dbm, time_ns = record
         assert isinstance(rssi_dbm, float)
@@ -447,7 +465,8 @@ def test_lines_come_in_pieces_and_bad_ones_are_counted(pipe: tuple[int, JsonLine
     # And the fourth .2 s later, though it came two seconds later.
     ((time_ns, rssi_dbm),) = source.read(9 * SECOND_NS)
     assert (time_ns / 1e9, rssi_dbm) == (pytest.approx(7.2, abs=1e-3), -65)
-    assert source.rejected == {"no record": 1}
+    assert source.rejected == {"no JSON object": 1}
+    assert source.rejected.seen("no JSON object") == ["boot ok"]
     assert not source.ended
     os.write(writing, b'{"rssi_dbm": -66}')
     os.close(writing)
@@ -462,7 +481,7 @@ def test_a_line_without_an_end_does_not_fill_the_memory(pipe: tuple[int, JsonLin
         os.write(writing, b"x" * 3000)
         assert source.read(5) == []
         assert len(source._rest) <= LONGEST_LINE_BYTES
-    assert source.rejected == {"line too long": 1}
+    assert source.rejected == {"too long a line": 1}
     os.write(writing, b'{"rssi_dbm": -1}\n{"rssi_dbm": -61}\n')
     assert source.read(6) == [(6, -61)]
 
@@ -522,7 +541,7 @@ def test_datagrams(datagrams: tuple[Callable[[bytes], None], JsonDatagramSource]
     found: list[Sample] = []
     eventually(lambda: bool(found.extend(source.read(5))) or len(found) == 3)
     assert levels(found) == [-61, -62, None]
-    assert source.rejected == {"no record": 2}
+    assert source.rejected == {"no JSON object": 1, "too long a line": 1}
 
 
 def test_a_flood_does_not_hold_the_agent_up(datagrams: tuple[Callable[[bytes], None], JsonDatagramSource]) -> None:
@@ -684,12 +703,6 @@ def test_any_answer_is_a_level_or_none(answer: bytes) -> None:
     assert record is None or isinstance(record[0], float)
 
 
-def test_kismet_says_0_where_it_knows_no_level() -> None:
-    record = parse_answer(b'[{"rssi_dbm": 0, "packets": 7}]')
-    assert record is not None
-    assert math.isnan(record[0])
-
-
 # Radiotap and captures
 
 
@@ -838,7 +851,8 @@ def test_only_the_frames_of_one_transmitter() -> None:
         captured(-66),
     ]
     assert [level for _, level in parser.feed(file_header() + b"".join(packets))] == [-60, -65]
-    assert parser.rejected == {"another transmitter": 5}
+    assert parser.rejected == {"of another transmitter": 5}
+    assert parser.rejected.seen("of another transmitter") == [other, "11:22:33:44:55:66"]
     assert transmitter_address(frame_of(other)) == bytes.fromhex("020000000008")
 
 
