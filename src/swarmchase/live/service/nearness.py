@@ -32,8 +32,8 @@ from .sample_window import Levels, Points
 MARGIN_DB = 1.4
 """Of the levels: it makes up for the weakest tracker's say. More would not let a target at 1.9 m be reached."""
 LEAST_SHARE = 0.25
-"""Of the belief within the success radius. Before anything is heard it is 5 %: distances up to twenty times as far are as
-likely as one another."""
+"""Of the belief within the success radius. Before anything is heard it is 5 %: distances up to twenty times as far are
+as likely as one another."""
 OWN_DEPARTURE_DB, SHARED_DEPARTURE_DB = 4.0, 6.0
 """Standard deviation of what a place adds to all trackers' levels, and scale of what it adds to each one's."""
 DEGREES_OF_FREEDOM = 4
