@@ -23,6 +23,7 @@ from .commands.benchmark import (
     BenchmarkClusterCommand,
     BenchmarkEnvironmentCommand,
     BenchmarkLiveCommand,
+    BenchmarkNearnessCommand,
     BenchmarkSoakCommand,
     BenchmarkTrainingCommand,
 )
@@ -65,6 +66,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark batched": BenchmarkBatchedCommand,
     "benchmark cluster": BenchmarkClusterCommand,
     "benchmark live": BenchmarkLiveCommand,
+    "benchmark nearness": BenchmarkNearnessCommand,
     "benchmark soak": BenchmarkSoakCommand,
     "keys": KeysCommand,
     "live": LiveCommand,
