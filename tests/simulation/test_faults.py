@@ -349,14 +349,14 @@ def test_with_three_silent_trackers_it_holds_and_goes_on_when_one_is_heard_again
     [
         # What contradicts the others' levels is not heard.
         ("stuck", lambda levels_dbm: len(set(levels_dbm[np.isfinite(levels_dbm)])) == 1),
-        ("garbage", lambda levels_dbm: np.isnan(levels_dbm).all()),
+        ("garbage", lambda levels_dbm: 0.25 < np.isnan(levels_dbm).mean() < 0.6 and np.nanmax(levels_dbm) < -20),
         ("wrong", lambda levels_dbm: np.isfinite(levels_dbm).all()),
         ("delayed", lambda levels_dbm: 0 < np.isnan(levels_dbm).mean() < 1),
         ("intermittent", lambda levels_dbm: 0.2 < np.isnan(levels_dbm).mean() < 0.8),
     ],
 )
 def test_a_receiver_that_fails_does_not_stop_the_chase(fault: str, what_it_says: Callable[[Any], bool]) -> None:
-    """PX4's fault words, from the first movement on. What no receiver can have meant is never heard."""
+    """PX4's fault words, from the first movement on. What is no level is never heard."""
     flight = Flight(f"{fault}=4@1.5", controller="particle")
     flight.run_to(12.0)
     assert "holding" not in flight.states()

@@ -185,6 +185,18 @@ class BenchmarkSoakCommand(ScenarioOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchmarkNearnessCommand(_BenchmarkCommand):
+    """Over a real radio map: at how many places, near an emitter and far from it, a live chase ends as "reached"."""
+
+    map: Path
+    """A folder with sensors.csv and radio_map.csv."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report("nearness", folder=self.map)
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchmarkClusterCommand(_BenchmarkCommand):
     """Updates a second of A3C on a Ray cluster by number of agents, and what a model of the cost says for more."""
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from live_bench import FLYING
+from swarmchase.levels import NoLevel
 from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.service.sample_window import ClockOffset, SampleWindow
 from swarmchase.live.service.tracker_record import MOST_POSITIONS, TrackerRecord
@@ -82,7 +83,7 @@ def test_any_order_with_repetitions_and_losses_gives_the_same_window(data: st.Da
 @given(st.data())
 def test_even_contradictory_samples_give_the_same_window_in_any_order(data: st.DataObject) -> None:
     """Off the grid, at other rates, with other levels for the same moment."""
-    level = st.one_of(st.just(math.nan), st.floats(-200, 50))
+    level = st.one_of(st.just(math.nan), st.floats(-200, 50), st.sampled_from([0.0, 17.0, 31.0, math.inf]))
     drawn = data.draw(
         st.lists(
             st.tuples(
@@ -104,6 +105,37 @@ def test_a_number_replaces_a_missing_sample_and_never_the_other_way_round() -> N
     missing = RssiWindow(0, START_NS, 10.0, (math.nan,))
     for order in ([missing, message(0, 0)], [message(0, 0), missing]):
         assert window_of(order)[0] == -60
+
+
+def test_of_two_levels_for_one_moment_the_one_that_was_sent_later_stays() -> None:
+    """A receiver faster than F: its tracker puts a later sample in the place of an earlier one, and sends both."""
+    early = RssiWindow(0, taken_ns(1), 10.0, (-60.0, -61.0))
+    later = RssiWindow(0, taken_ns(2), 10.0, (-60.0, -66.0, -62.0))
+    for order in ([early, later], [later, early], [early, later, early]):
+        assert window_of(order)[:3].tolist() == [-60, -66, -62]
+
+
+def test_what_is_no_level_of_the_transmitter_is_missing_and_counts_once_however_often_it_is_repeated() -> None:
+    window = SampleWindow(SCENARIO)
+    garbage = (-60.0, 0.0, 17.0, -62.0, math.inf, 121.0, -63.0, -40.5, -64.0, math.nan)
+    for last in range(1, 11):
+        window.add(RssiWindow(0, taken_ns(last - 1), 10.0, garbage[:last]))
+        window.add(RssiWindow(0, taken_ns(last - 1), 10.0, garbage[:last]))
+    nan = math.nan
+    assert same(window.window(START_NS)[0], np.array([-60, nan, nan, -62, nan, nan, -63, -40.5, -64, nan]))
+    assert window.dropped == {NoLevel.ERROR_VALUE: 1, NoLevel.TOO_STRONG: 1, NoLevel.OUT_OF_RANGE: 2}
+    assert window.newest_valid_ns == taken_ns(8)
+
+
+def test_a_wild_sample_is_missing_and_counts_once_however_often_the_window_is_asked_for() -> None:
+    window = SampleWindow(SCENARIO)
+    window.add(RssiWindow(0, taken_ns(9), 10.0, (-60.0, -61.0, -20.0, -62.0, *(-60.0,) * 6)))
+    for _ in range(3):
+        assert np.flatnonzero(np.isnan(window.window(START_NS)[0])).tolist() == [2]
+    assert window.dropped == {NoLevel.WILD: 1}
+    window.add(RssiWindow(0, taken_ns(11), 10.0, (-15.0, -61.0)))
+    assert np.flatnonzero(np.isnan(window.window(taken_ns(2))[0])).tolist() == [0, 8]
+    assert window.dropped == {NoLevel.WILD: 2}
 
 
 @pytest.mark.parametrize("phase_ns", [0, 1, 30_000_000, 49_999_999, 50_000_000, 70_000_000, 99_999_999])

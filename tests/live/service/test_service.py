@@ -831,11 +831,12 @@ def test_one_tracker_beside_the_target_is_not_reached() -> None:
     """The mean over all would be far above what it is with the centre at the target."""
     scenario = paper_scenario()
     judge = NearnessJudge(scenario, windows=2, minimum_trackers=4)
-    distance_m = np.linalg.norm(formation_m(np.zeros(3), 5.0) - np.array([5.5, 0, 0]), axis=1)
+    offset_m = formation_m(np.zeros(3), 5.0)
+    distance_m = np.linalg.norm(offset_m - np.array([5.5, 0, 0]), axis=1)
     rssi_dbm = np.array([[power_dbm(scenario, one) for one in distance_m.tolist()]] * 10)
     mean_mw = float((10 ** (rssi_dbm / 10)).mean())
     assert mean_mw > 10 ** (power_dbm(scenario, 7.0) / 10)
-    assert not any(judge.is_reached(rssi_dbm, np.full(6, 5.0)) for _ in range(5))
+    assert not any(judge.is_reached(rssi_dbm, offset_m) for _ in range(5))
 
 
 @pytest.mark.parametrize(
@@ -857,8 +858,9 @@ def test_nearness_is_judged_by_milliwatts_in_the_last_window_and_over_several(
     judge = NearnessJudge(paper_scenario(), windows=2, minimum_trackers=4)
     last_dbm, first_dbm = (np.full((5, 6), power_dbm(paper_scenario(), 7.0) + level) for level in (last_db, first_db))
     last_dbm[3:] = math.nan
-    assert not judge.is_reached(first_dbm, np.full(6, 5.0))
-    assert judge.is_reached(last_dbm, np.full(6, 5.0)) is is_near
+    offset_m = formation_m(np.zeros(3), 5.0)
+    assert not judge.is_reached(first_dbm, offset_m)
+    assert judge.is_reached(last_dbm, offset_m) is is_near
 
 
 @pytest.mark.parametrize("sampling_hz", [10, 100])
@@ -875,7 +877,7 @@ def test_with_fading_the_target_is_declared_reached_where_it_is(sampling_hz: int
         late += np.isnan(declared_m) & (was_near > 0)
         for chase, judge in enumerate(judges):
             window_dbm, spacing_m = state.rssi_dbm[chase].double().numpy(), float(state.spacing_m[chase])
-            if judge.is_reached(window_dbm, np.full(6, spacing_m)) and np.isnan(declared_m[chase]):
+            if judge.is_reached(window_dbm, formation_m(np.zeros(3), spacing_m)) and np.isnan(declared_m[chase]):
                 declared_m[chase] = distance_m[chase]
         action, memory = controller.decide(state.observation(), memory)
         state, _ = environment.step(state, action)
@@ -890,7 +892,7 @@ def test_nearness_needs_enough_trackers(heard: int, is_near: bool) -> None:
     judge = NearnessJudge(paper_scenario(), windows=1, minimum_trackers=4)
     rssi_dbm = np.full((5, 6), 0.0)
     rssi_dbm[:, heard:] = math.nan
-    assert judge.is_reached(rssi_dbm, np.full(6, 5.0)) is is_near
+    assert judge.is_reached(rssi_dbm, formation_m(np.zeros(3), 5.0)) is is_near
 
 
 # A controller that is started again

@@ -20,8 +20,11 @@ from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
 from swarmchase.levels import is_level, level_or_nan
+from swarmchase.live.clock import VirtualClock
+from swarmchase.live.link.mavlink import TrackerMavlinkLink
 from swarmchase.live.link.messages import RssiWindow
 from swarmchase.live.serial_port import open_serial_port
+from swarmchase.live.tracker.agent import TrackerAgent
 from swarmchase.live.tracker.sources import (
     CalibratedSource,
     JsonDatagramSource,
@@ -45,6 +48,7 @@ from swarmchase.live.tracker.sources.kismet import parse_answer
 from swarmchase.live.tracker.sources.pcap import PcapParser, transmitter_address
 from swarmchase.live.tracker.sources.protocol import MOST_PER_READ
 from swarmchase.live.tracker.sources.radiotap import Radiotap, parse_radiotap
+from swarmchase.live.tracker.vehicles import SimulatedVehicle
 
 BIRDSEYE = Path(__file__).parents[4] / "shared" / "data" / "birdseye"
 NEEDS_TRACES = pytest.mark.skipif(
@@ -943,3 +947,75 @@ def test_every_source_is_a_source() -> None:
     kinds = [CalibratedSource, JsonLinesSource, JsonDatagramSource, KismetSource, PcapSource]
     assert all(isinstance(source, RssiSource) for source in sources)
     assert all(callable(getattr(kind, method)) for kind in kinds for method in ("read", "close"))
+
+
+# What is said of a source that yields nothing
+
+
+def complaint_of(source: RssiSource, offset_db: float = 0.0) -> str | None:
+    """What an agent says of it after six seconds in which it was read at 10 Hz."""
+    clock = VirtualClock(9 * SECOND_NS)
+    link = TrackerMavlinkLink(3, "127.0.0.1", 1, unsigned=True)
+    agent = TrackerAgent(3, CalibratedSource(source, offset_db), SimulatedVehicle((0.0, 0.0, 0.0)), link, clock, 10.0)
+    for _ in range(61):
+        agent.step()
+        clock.advance(0.1)
+    complaint = agent.source_complaint
+    agent.close()
+    return complaint
+
+
+def test_a_port_to_which_nobody_sends() -> None:
+    source = JsonDatagramSource(0)
+    assert complaint_of(source) == f"for 6 s no datagram has come to port {source.port}"
+
+
+def test_records_of_another_form(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.write(writing, b'{"signal": -61, "ts": 5}\n' * 41 + b'{"rssi_dbm": "-61"}\nboot: ok\n')
+    assert complaint_of(source) == (
+        "for 6 s no level among 43 records: 41 without the field rssi_dbm (seen: signal, ts), "
+        "1 with a field that is no number (seen: rssi_dbm), 1 no JSON object (seen: boot: ok)"
+    )
+
+
+def test_a_receiver_that_hears_nothing_and_says_so_in_its_own_way(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.write(writing, b'{"rssi_dbm": 0}\n{"rssi_dbm": 127}\n{"rssi_dbm": null}\n{"rssi_dbm": 300}\n')
+    assert complaint_of(source, offset_db=-5.0) == (
+        "for 6 s no level among 4 records: 2 an error value, 1 nothing heard, 1 beyond any receiver"
+    )
+
+
+def test_a_line_that_has_ended(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.close(writing)
+    assert complaint_of(source) == "for 6 s standard input has ended"
+
+
+def test_frames_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "capture.pcap"
+    path.write_bytes(file_header())
+    source = PcapSource(path, ADDRESS)
+    others = [f"02:00:00:00:01:0{number}" for number in range(3)]
+    with open(path, "ab") as file:
+        file.write(b"".join(captured(-60, frame=frame_of(other)) for other in others * 2))
+    assert complaint_of(source) == (
+        f"for 6 s no level among 6 records: 6 of another transmitter (seen: {', '.join(others)})"
+    )
+
+
+def test_a_recording_that_is_over() -> None:
+    assert complaint_of(ReplaySource(iter([(0.0, -60.0), (0.5, -61.0)]))) == "for 5 s the recording is over"
+
+
+def test_a_source_that_yields_levels_is_not_complained_of() -> None:
+    assert complaint_of(SimulatedSource(lambda time_ns: -60.0, 10.0)) is None
+
+
+def test_many_different_mistakes_do_not_fill_the_memory() -> None:
+    rejected = Rejected()
+    for number in range(10_000):
+        rejected.add("without the field rssi_dbm", f"field {number}")
+    assert rejected == {"without the field rssi_dbm": 10_000}
+    assert rejected.seen("without the field rssi_dbm") == [f"field {number}" for number in range(8)]

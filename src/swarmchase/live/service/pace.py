@@ -31,9 +31,9 @@ class Window:
     """Where the controller sees the formation's centre at the end of the window."""
 
     @property
-    def center_distance_m(self) -> Levels:
-        """How far each tracker was from the centre at the end of the window [tracker]."""
-        return np.asarray(np.linalg.norm(self.position_m[-1] - self.center_m, axis=1))
+    def offset_m(self) -> Points:
+        """From the centre to each tracker at the end of the window [tracker, xyz]."""
+        return self.position_m[-1] - self.center_m
 
 
 class StopAndListen:

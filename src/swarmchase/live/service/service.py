@@ -189,8 +189,8 @@ class ControllerService:
         window = self._pace.window(self._now_ns)
         if window is None:
             return
-        if self._judge.is_reached(window.rssi_dbm, window.center_distance_m):
-            self._stop(ChaseState.REACHED, "every tracker hears the target as near as the success radius asks for")
+        if self._judge.is_reached(window.rssi_dbm, window.offset_m):
+            self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
         elif self._movements >= self._scenario.max_movements:
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
         else:
