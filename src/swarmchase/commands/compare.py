@@ -1,6 +1,5 @@
 """``swarmchase compare``: controllers beside one another on the same chases."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from rich.markdown import Markdown
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json
 
 DEFAULT_CONTROLLERS = ("recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
 
@@ -47,13 +46,8 @@ class CompareCommand(ClusterOptions):
         from ..evaluation.comparison import compare, comparison_jobs, places, summaries
 
         jobs = comparison_jobs(self.controllers, places(self.told(), self.departures), self.episodes)
-        began_s = time.monotonic()
         total = sum(job.episodes for _, job in jobs)
-        with self.runner() as runner, progress_bar("compare", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, job: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
-
+        with self.runner() as runner, chases_progress("compare", total, BLOCKS_ARE_KEPT) as finished:
             results = compare(self.folder, jobs, self.seed, self.processes, finished, runner)
         rows = summaries(results, self._decision_ms())
         for picture in _draw(self.folder, results, rows):

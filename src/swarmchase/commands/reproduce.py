@@ -1,6 +1,5 @@
 """``swarmchase reproduce``: the paper's twelve settings and its Figures 3 to 7."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json
 
 QUICK_EPISODES = 100
 
@@ -40,13 +39,8 @@ class ReproduceCommand(ClusterOptions):
             raise InputError(f"--quick is {QUICK_EPISODES} episodes: give one of --quick and --episodes")
         episodes = QUICK_EPISODES if self.quick else EPISODES if self.episodes is None else self.episodes
         folder = self.folder or Path("reproduction-quick" if self.quick else "reproduction")
-        began_s = time.monotonic()
         total = sum(cell.episodes(episodes) for cell in cells())
-        with self.runner() as runner, progress_bar("reproduce", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, cell: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
-
+        with self.runner() as runner, chases_progress("reproduce", total, BLOCKS_ARE_KEPT) as finished:
             evaluations = reproduce(folder, episodes, self.seed, self.processes, finished, runner)
         summaries = [one.summary() for one in evaluations]
         pictures = _draw(folder, evaluations, summaries)

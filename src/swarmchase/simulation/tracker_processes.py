@@ -4,12 +4,12 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..live.address import LOOPBACK
 from ..live.link.udp_socket import bound_udp_socket
+from ..processes.children import child_command
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 
@@ -57,9 +57,14 @@ class TrackerProcesses:
                 stands_still = is_slow or ProcessFault.FROZEN in faults
                 self._send(tracker, signal.SIGSTOP if stands_still else signal.SIGCONT)
 
-    def died(self) -> list[int]:
-        """The trackers that have ended by themselves."""
-        return [tracker for tracker, process in self._running.items() if process.poll() is not None]
+    def died(self) -> dict[int, int]:
+        """The trackers that have failed or were killed, not by the plan, with their exit codes."""
+        codes = {tracker: process.poll() for tracker, process in self._running.items()}
+        return {tracker: code for tracker, code in codes.items() if code}
+
+    def any_has_left(self) -> bool:
+        """Whether one was told to stop, not by the plan, and has ended well."""
+        return any(process.poll() == 0 for process in self._running.values())
 
     def last_words(self, tracker: int) -> str:
         """The end of what it printed."""
@@ -82,7 +87,7 @@ class TrackerProcesses:
     def _start(self, tracker: int) -> None:
         ports, folder = self._ports[tracker], self._folder
         words = [
-            *(sys.executable, "-m", "swarmchase", "tracker", "--number", str(tracker)),
+            *("tracker", "--number", str(tracker)),
             *("--source", f"udp:{ports.source}", "--same-clock", "--sampling-hz", f"{self._scenario.sampling_hz:g}"),
             *("--vehicle", f"mavlink:{ports.vehicle}", "--autopilot-origin-m", "0", "0", "0"),
             *("--controller", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
@@ -91,7 +96,7 @@ class TrackerProcesses:
         with open(self._output(tracker), "ab") as output:
             # A group of its own: Ctrl-C is for the command that started all this, which then ends them.
             self._running[tracker] = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+                child_command(words), stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
             )
 
     def _kill(self, tracker: int) -> None:

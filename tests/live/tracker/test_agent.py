@@ -23,11 +23,11 @@ from swarmchase.live.link.messages import (
     SetPoint,
     TrackerMode,
 )
-from swarmchase.live.stop_request import StopRequest
 from swarmchase.live.tracker.agent import AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.tracker.loop import run_tracker
 from swarmchase.live.tracker.sources import CalibratedSource, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
+from swarmchase.processes.stop_request import StopRequest
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 TRACKER = 3
