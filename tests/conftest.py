@@ -27,6 +27,7 @@ PROCESSES = {
     "cluster/test_evaluation.py",
     "cluster/test_refusals.py",
     "benchmarks/test_cluster.py",
+    "benchmarks/test_kills.py",
     "training/test_a3c_processes.py",
     "simulation/test_live_chase.py",
     "commands/test_live_commands.py",

@@ -208,7 +208,7 @@ def _outcome(kill: Kill, process: "subprocess.Popen[bytes]", mark: str, folder: 
         round(ended_s - began_s, 2),
         all_ended_s,
         _is_json((folder / "printed.txt").read_text()),
-        _unreadable(kill.command, folder),
+        unreadable(kill.command, folder),
         sorted(path.name for path in (folder / "tmp").iterdir()),
         told.splitlines()[-1] if "Traceback" in told else None,
     )
@@ -222,7 +222,7 @@ def _is_json(text: str) -> bool:
     return True
 
 
-def _unreadable(command: str, folder: Path) -> str | None:
+def unreadable(command: str, folder: Path) -> str | None:
     """What the command would be asked to read again: the chase's log; the run's log and resume file. An evaluation that
     has not ended leaves no table."""
     from safetensors import SafetensorError
