@@ -7,7 +7,6 @@ code 2.
 
 import contextlib
 import io
-import os
 import re
 import select
 import signal
@@ -35,7 +34,7 @@ from .commands.live import LiveCommand
 from .commands.replay import ReplayCommand
 from .commands.reproduce import ReproduceCommand
 from .commands.serve import ServeCommand
-from .commands.terminal import CONSOLE
+from .commands.terminal import CONSOLE, discard
 from .commands.tracker import TrackerCommand
 from .commands.train import TrainA3CCommand, TrainBatchedCommand
 from .errors import InputError, WorkerDiedError
@@ -99,8 +98,7 @@ def _run(arguments: Sequence[str] | None) -> None:
     except BrokenPipeError:
         if not _has_lost_its_reader(sys.stdout):
             raise
-        # What is still to be flushed at the end goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard(sys.stdout)
         sys.exit(128 + signal.SIGPIPE)
     except InputError as error:
         line = " ".join(str(error).splitlines())

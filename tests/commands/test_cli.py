@@ -309,6 +309,19 @@ def test_a_full_disk_is_one_line(full: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
 
 
+def test_a_terminal_that_has_gone_costs_nobody_the_result(tmp_path: Path) -> None:
+    """Its window was closed, and SIGHUP is ignored; standard output is a file."""
+    (tmp_path / "short.toml").write_text("max_movements = 1\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = ["evaluate", "--controller", "random", "--episodes", "3", "--scenario-file", "short.toml", "--json"]
+    try:
+        ran = run(*words, folder=tmp_path, stdout=subprocess.PIPE, stderr=writer)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, json.loads(ran.stdout)["episodes"]) == (0, 3)
+
+
 # --- signals ---------------------------------------------------------------------------------------------------------
 
 

@@ -21,17 +21,26 @@ LAST_LINES_S = 1.0
 BLOCKS_ARE_KEPT = "finished blocks are kept, and the same command goes on behind them"
 
 
+def discard(stream: TextIO) -> None:
+    """What is written from now on, and what is still to be flushed at the end, goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 class _StandardError:
-    """What it cannot write any more, since the terminal has gone, is lost, and the work goes on to its end."""
+    """Where it cannot be written any more, since the terminal has gone, the work still goes on to its end."""
 
     def write(self, text: str) -> int:
-        with contextlib.suppress(OSError):
-            sys.stderr.write(text)
-        return len(text)
+        try:
+            return sys.stderr.write(text)
+        except OSError:
+            discard(sys.stderr)
+            return len(text)
 
     def flush(self) -> None:
-        with contextlib.suppress(OSError):
+        try:
             sys.stderr.flush()
+        except OSError:
+            discard(sys.stderr)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(sys.stderr, name)

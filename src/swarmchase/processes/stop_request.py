@@ -12,6 +12,9 @@ from types import FrameType
 
 STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
+STOPPED_CODES = {0, *(-number for number in STOP_SIGNALS), *(128 + number for number in STOP_SIGNALS)}
+"""Exit codes of a process that was told to stop: well, before it could hear it, and before it had any result."""
+
 
 class Interrupted(KeyboardInterrupt):
     """A signal ended work that has no result before its end.

@@ -161,8 +161,8 @@ class _Stage:
             self._connection.send(Ready())
 
     def _pass_on_the_request(self) -> None:
-        """What tells the stage to stop, or a tracker that then ends well, is meant for the whole command."""
-        if not self._has_told_the_request and (self._request.made or self._trackers.any_has_left()):
+        """What tells the stage to stop, or a tracker, is meant for the whole command."""
+        if not self._has_told_the_request and (self._request.made or self._trackers.any_was_stopped()):
             self._has_told_the_request = True
             self._connection.send(ToldToStop())
 

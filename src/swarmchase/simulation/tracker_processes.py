@@ -10,6 +10,7 @@ from pathlib import Path
 from ..live.address import LOOPBACK
 from ..live.link.udp_socket import bound_udp_socket
 from ..processes.children import child_command
+from ..processes.stop_request import STOPPED_CODES
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 
@@ -59,12 +60,11 @@ class TrackerProcesses:
 
     def died(self) -> dict[int, int]:
         """The trackers that have failed or were killed, not by the plan, with their exit codes."""
-        codes = {tracker: process.poll() for tracker, process in self._running.items()}
-        return {tracker: code for tracker, code in codes.items() if code}
+        return {tracker: code for tracker, code in self._ended().items() if code not in STOPPED_CODES}
 
-    def any_has_left(self) -> bool:
-        """Whether one was told to stop, not by the plan, and has ended well."""
-        return any(process.poll() == 0 for process in self._running.values())
+    def any_was_stopped(self) -> bool:
+        """Whether one was told to stop, and has."""
+        return any(code in STOPPED_CODES for code in self._ended().values())
 
     def last_words(self, tracker: int) -> str:
         """The end of what it printed."""
@@ -98,6 +98,10 @@ class TrackerProcesses:
             self._running[tracker] = subprocess.Popen(
                 child_command(words), stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
             )
+
+    def _ended(self) -> dict[int, int]:
+        codes = {tracker: process.poll() for tracker, process in self._running.items()}
+        return {tracker: code for tracker, code in codes.items() if code is not None}
 
     def _kill(self, tracker: int) -> None:
         process = self._running.pop(tracker, None)
