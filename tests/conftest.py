@@ -32,6 +32,7 @@ GROUPS = {
         "benchmarks/test_cluster.py",
     },
     "live": {
+        "benchmarks/test_kills.py",
         "simulation/test_live_chase.py",
         "commands/test_live_commands.py",
         "live/page/test_page.py",

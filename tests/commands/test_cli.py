@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -314,7 +315,20 @@ def test_a_full_disk_is_one_line_and_costs_nothing_else(full: str, tmp_path: Pat
         assert len(read_rows(tmp_path / "table.parquet", "table")) == 1
 
 
-# --- Ctrl-C ----------------------------------------------------------------------------------------------------------
+def test_a_terminal_that_has_gone_costs_nobody_the_result(tmp_path: Path) -> None:
+    """Its window was closed, and SIGHUP is ignored; standard output is a file."""
+    (tmp_path / "short.toml").write_text("max_movements = 1\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = ["evaluate", "--controller", "random", "--episodes", "3", "--scenario-file", "short.toml", "--json"]
+    try:
+        ran = run(*words, folder=tmp_path, stdout=subprocess.PIPE, stderr=writer)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, json.loads(ran.stdout)["episodes"]) == (0, 3)
+
+
+# --- signals ---------------------------------------------------------------------------------------------------------
 
 
 def children(pid: int) -> list[int]:
@@ -348,8 +362,18 @@ def evaluation_in_the_background(folder: Path) -> Iterator["subprocess.Popen[str
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-@pytest.mark.parametrize("sent_to", ["the group, as a terminal does", "the command alone"])
-def test_ctrl_c_ends_an_evaluation_with_one_line_and_no_orphans(sent_to: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("sent_to", "numbers"),
+    [
+        ("the group, as a terminal does", [signal.SIGINT]),
+        ("the group, as a terminal does", [signal.SIGHUP]),
+        ("the group, as timeout does", [signal.SIGTERM, signal.SIGTERM]),
+        ("a worker alone", [signal.SIGTERM]),
+    ],
+)
+def test_a_signal_ends_an_evaluation_with_one_line_and_no_orphans(
+    sent_to: str, numbers: list[signal.Signals], tmp_path: Path
+) -> None:
     with evaluation_in_the_background(tmp_path) as process:
         deadline = time.monotonic() + 60
         while len(children(process.pid)) < 3 and process.poll() is None and time.monotonic() < deadline:
@@ -357,12 +381,15 @@ def test_ctrl_c_ends_an_evaluation_with_one_line_and_no_orphans(sent_to: str, tm
         workers = children(process.pid)
         assert len(workers) >= 3
         time.sleep(0.5)  # in the midst of importing or of chasing
-        (os.killpg if sent_to.startswith("the group") else os.kill)(process.pid, signal.SIGINT)
+        for number in numbers:
+            if sent_to.startswith("the group"):
+                os.killpg(process.pid, number)
+            else:
+                os.kill(workers[-1], number)
         output, errors = process.communicate(timeout=60)
-        assert (process.returncode, output) == (130, "")
-        assert [line for line in errors.splitlines() if line.strip() and "/2000000" not in line] == [
-            "swarmchase: interrupted"
-        ]
+        assert (process.returncode, output) == (128 + numbers[0], "")
+        (line,) = [line for line in errors.splitlines() if line.strip() and "/2000000" not in line]
+        assert re.fullmatch(r"swarmchase: interrupted( after \d+ of 2000000 chases: nothing is kept, since .*)?", line)
         for _ in itertools.takewhile(lambda _: any(map(alive, workers)), range(1200)):
             time.sleep(0.05)
         assert not any(map(alive, workers))

@@ -363,6 +363,15 @@ def test_ctrl_c_aborts_and_trackers_are_told_to_hold(site: Site, signal_number: 
         tracker.wait_for(f"tracker {number} holds")
 
 
+def test_no_second_sigterm_forces(site: Site) -> None:
+    service = site.serve("--stay", "--start")
+    service.wait_for("idle -> connecting")
+    for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        service.popen.send_signal(number)
+    service.wait_for("connecting -> aborted")
+    assert service.stop(signal.SIGHUP)["state"] == "aborted"
+
+
 def test_a_second_ctrl_c_ends_at_once(site: Site) -> None:
     service = site.serve("--stay", "--start")
     service.wait_for("idle -> connecting")

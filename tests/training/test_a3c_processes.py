@@ -154,15 +154,27 @@ def test_a_run_killed_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path, r
     assert left_behind(tmp_path / "killed") == left_behind(tmp_path / "undisturbed")
 
 
-@pytest.mark.parametrize("moment", ["while its agents start", "in the middle"])
-def test_ctrl_c_stops_cleanly_and_what_was_done_can_be_resumed(tmp_path, running, moment):
+@pytest.mark.parametrize(
+    ("moment", "number", "sent_to"),
+    [
+        ("while its agents start", signal.SIGINT, "the group"),
+        ("in the middle", signal.SIGTERM, "the group"),
+        ("in the middle", signal.SIGHUP, "an agent"),
+    ],
+)
+def test_a_signal_stops_cleanly_and_what_was_done_can_be_resumed(tmp_path, running, moment, number, sent_to):
     folder = tmp_path / "run"
     process = running(command(folder))
     wait_until(lambda: len(workers(process.pid)) == 2 or process.poll() is not None, "agents")
     agents = workers(process.pid)
     if moment == "in the middle":
         wait_until(lambda: (folder / "resume.safetensors").exists() or process.poll() is not None, "checkpoint")
-    os.killpg(process.pid, signal.SIGINT)
+    if sent_to == "an agent":
+        os.kill(agents[0], number)
+    else:
+        os.killpg(process.pid, number)
+        if number != signal.SIGINT:
+            os.killpg(process.pid, number)  # as often as it likes
     standard_output, standard_error = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, standard_error
     assert "Training interrupted" in standard_error

@@ -22,6 +22,7 @@ from ..controllers import load_controller, require_controller
 from ..evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
 from ..live.service.loop import percentile_ms
 from ..live.tracker.agent import AgentSettings
+from ..processes.children import end_with_parent
 from ..scenario import NUM_TRACKERS, Scenario
 from ..simulation.fault_plan import fault_plan
 from ..simulation.virtual_chase import VirtualChase, VirtualResult
@@ -124,6 +125,7 @@ def flown(work: list[LiveWork], fly: Callable[[LiveWork], Flown], processes: int
 
 
 def _begin_process() -> None:
+    end_with_parent()
     torch.set_num_threads(1)
     keep_freed_memory()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, WorkerDiedError
+from ..processes.stop_request import kept_handlers
 from . import software
 from .software import installed, require_same_software
 
@@ -119,7 +120,8 @@ def ray_module() -> Any:
         # A cluster whose machines have a token wants it; `ray start` looks for it unasked, Ray's Python does not.
         os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
-        import ray
+        with kept_handlers():  # Ray's would end this process at once
+            import ray
     except ModuleNotFoundError as error:
         raise InputError("a cluster needs Ray, which is not installed: pip install 'swarmchase[cluster]'") from error
     # A node that lacks this package, or has another, must still be able to say so.
@@ -201,7 +203,8 @@ def _connect(ray: Any, address: str, local_cpus: int) -> None:
             "include_dashboard": False,
         }
     try:
-        with warnings.catch_warnings(), _on_loopback() if address == LOCAL else contextlib.nullcontext():
+        loopback = _on_loopback() if address == LOCAL else contextlib.nullcontext()
+        with kept_handlers(), warnings.catch_warnings(), loopback:
             warnings.simplefilter("ignore")  # Ray's own, of what it will change one day
             ray.init(address=address, **options)
     except Exception as error:  # of several kinds, and of others in other versions of Ray

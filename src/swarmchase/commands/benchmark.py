@@ -196,6 +196,20 @@ class BenchmarkNearnessCommand(_BenchmarkCommand):
         self.report("nearness", folder=self.map)
 
 
+class BenchmarkKillsCommand(_BenchmarkCommand):
+    """Live chases, trainings and evaluations killed at random moments: what hangs, stays or cannot be read."""
+
+    kills: int = 100
+    """One after another, about 20 s each."""
+    seed: int = 0
+    """Of what is killed, how and when."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        with progress_bar("kills", self.kills, "") as show:
+            self.report("kills", kills=self.kills, seed=self.seed, finished=lambda number: show(number, "", ""))
+
+
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkClusterCommand(_BenchmarkCommand):
     """Updates a second of A3C on a Ray cluster by number of agents, and what a model of the cost says for more."""

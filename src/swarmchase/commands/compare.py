@@ -1,6 +1,5 @@
 """``swarmchase compare``: controllers beside one another on the same chases."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from rich.markdown import Markdown
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar, refusals_held_back
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept
@@ -66,13 +65,8 @@ class CompareCommand(ClusterOptions):
     def _compared(self, jobs: "Sequence[tuple[Place, Job]]", unkept: "Unkept") -> "list[Result]":
         from ..evaluation.comparison import compare
 
-        began_s = time.monotonic()
         total = sum(job.episodes for _, job in jobs)
-        with self.runner() as runner, progress_bar("compare", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, job: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
-
+        with self.runner() as runner, chases_progress("compare", total, BLOCKS_ARE_KEPT) as finished:
             return compare(self.folder, jobs, self.seed, self.processes, finished, runner, unkept)
 
     def told(self) -> list[Scenario]:

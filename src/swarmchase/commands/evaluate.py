@@ -1,6 +1,5 @@
 """``swarmchase evaluate``: a controller over many chases."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,9 @@ from ..files import require_writable_file
 from ..reports.intervals import shown_interval
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
-from .terminal import CONSOLE, explain_choice, print_json, progress_bar, refusals_held_back
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, explain_choice, print_json, refusals_held_back
+
+NOTHING_IS_KEPT = "nothing is kept, since those that end first are the short ones"
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept
@@ -68,12 +69,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
         from ..evaluation.table import evaluate
 
-        began_s = time.monotonic()
-        with progress_bar(self.controller, self.episodes, "chases/s") as show:
-
-            def finished(chases: int) -> None:
-                show(chases, f"{chases / (time.monotonic() - began_s):.1f}", "")
-
+        with chases_progress(self.controller, self.episodes, NOTHING_IS_KEPT) as finished:
             return evaluate(
                 scenario,
                 self.controller,
@@ -82,7 +78,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
                 self.action_choice,
                 self.batch_size,
                 self.processes,
-                finished,
+                lambda chases: finished(chases, 0, ""),
             )
 
     def _evaluated_on_cluster(self, scenario: Scenario, unkept: "Unkept") -> "Evaluation":
@@ -92,12 +88,10 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
         setting = setting_name(scenario.sampling_hz, scenario.spatial_correlation)
         name = f"{file_name(self.controller)}-{self.action_choice or 'filed'}-{setting}"
         job = Job(name, self.controller, scenario, scenario, self.episodes, self.action_choice)
-        began_s = time.monotonic()
-        with self.runner(self.batch_size) as runner, progress_bar(self.controller, self.episodes, "chases/s") as show:
-
-            def finished(chases: int, found: int, _job: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", "")
-
+        with (
+            self.runner(self.batch_size) as runner,
+            chases_progress(self.controller, self.episodes, BLOCKS_ARE_KEPT) as finished,
+        ):
             return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner, unkept)[0]
 
 

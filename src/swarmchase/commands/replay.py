@@ -59,7 +59,7 @@ class ReplayCommand:
         from ..live.page.info import page_info
         from ..live.page.server import PageServer
         from ..live.page.token import new_token
-        from ..live.stop_request import stop_request
+        from ..processes.stop_request import stop_request
 
         if not recording.num_frames:
             raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")

@@ -1,6 +1,5 @@
 """``swarmchase reproduce``: the paper's twelve settings and its Figures 3 to 7."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +8,7 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import CONSOLE, print_json, progress_bar, refusals_held_back
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept
@@ -57,13 +56,8 @@ class ReproduceCommand(ClusterOptions):
     def _evaluations(self, folder: Path, episodes: int, unkept: "Unkept") -> "list[Evaluation]":
         from ..evaluation.reproduction import cells, reproduce
 
-        began_s = time.monotonic()
         total = sum(cell.episodes(episodes) for cell in cells())
-        with self.runner() as runner, progress_bar("reproduce", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, cell: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
-
+        with self.runner() as runner, chases_progress("reproduce", total, BLOCKS_ARE_KEPT) as finished:
             return reproduce(folder, episodes, self.seed, self.processes, finished, runner, unkept)
 
 

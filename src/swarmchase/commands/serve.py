@@ -51,7 +51,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         from ..live.service.operator_words import OperatorWords
         from ..live.service.state_folder import next_epoch
         from ..live.session import Assignment, Session
-        from ..live.stop_request import stop_request
+        from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()

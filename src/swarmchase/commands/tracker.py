@@ -21,9 +21,9 @@ from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:
     from ..live.link.mavlink import TrackerMavlinkLink
-    from ..live.stop_request import StopRequest
     from ..live.tracker.agent import AgentSettings
     from ..live.tracker.loop import TrackerSummary
+    from ..processes.stop_request import StopRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +81,8 @@ class TrackerCommand(LinkOptions):
         from ..live.address import host_and_port
         from ..live.link.mavlink import TrackerMavlinkLink
         from ..live.link.state_file import tracker_file
-        from ..live.stop_request import stop_request
         from ..live.tracker.agent import AgentSettings
+        from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.controller)
         settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()

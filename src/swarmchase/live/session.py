@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..controllers.protocol import Controller
+from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .audience import Audience, AudienceOptions
 from .clock import MonotonicClock
@@ -16,7 +17,6 @@ from .service.loop import ServeLoop, ServeSummary, Tell, Watcher, Words
 from .service.safety import SafetyLimits
 from .service.service import ControllerService
 from .service.settings import ServiceSettings
-from .stop_request import StopRequest
 
 
 @dataclass(frozen=True)

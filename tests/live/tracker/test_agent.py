@@ -26,12 +26,12 @@ from swarmchase.live.link.messages import (
     Severity,
     TrackerMode,
 )
-from swarmchase.live.stop_request import StopRequest
 from swarmchase.live.tracker.agent import BRAKED_S, AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.tracker.loop import run_tracker
 from swarmchase.live.tracker.sources import CalibratedSource, Rejected, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
 from swarmchase.live.tracker.way_back import MOST_PLACES, STEP_M, WayBack
+from swarmchase.processes.stop_request import StopRequest
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 TRACKER = 3

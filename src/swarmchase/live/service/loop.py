@@ -8,8 +8,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from ...evaluation.statistics import nearest_rank_percentile
+from ...processes.stop_request import StopRequest
 from ..link.mavlink import ControllerMavlinkLink
-from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from .operator_words import WORDS, OperatorWord

@@ -4,10 +4,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ...processes.stop_request import StopRequest
 from ..link.mavlink import TrackerMavlinkLink
 from ..link.messages import Metres, TrackerMode
 from ..link.news import LinkNews
-from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .agent import TrackerAgent
 from .sources import RssiSource
