@@ -189,7 +189,9 @@ def test_a_killed_agent_and_those_of_a_removed_node_come_back(ordeal: Ordeal) ->
 
 
 def test_with_the_global_agent_at_most_a_checkpoint_interval_is_lost(ordeal: Ordeal) -> None:
-    (line,) = told(ordeal, "the global agent is gone")
+    lines = told(ordeal, "the global agent is gone")
+    assert len(lines) == 1, lines
+    (line,) = lines
     words = line["what"].split(":")[0].split()
     reached = int(words[words.index("update") + 1])
     assert 0 <= reached - line["update"] <= SETTINGS.checkpoint_interval
