@@ -46,6 +46,8 @@ ORPHAN_S = 10.0
 """A process that lives so long after its command is an orphan."""
 LOOK_S = 0.05
 MARK = "SWARMCHASE_KILLS"
+CACHE = "torchinductor_"
+"""PyTorch makes an empty one for each user, whoever imports it, and finds it again."""
 NEAR = "sampling_hz = 100\nspatial_correlation = 0.5\nstart_distance_m = {distance_m}\nmax_movements = {movements}\n"
 WORDS = {
     "live": "live --headless --controller gradient --log chase.mcap",
@@ -209,7 +211,7 @@ def _outcome(kill: Kill, process: "subprocess.Popen[bytes]", mark: str, folder: 
         all_ended_s,
         _is_json((folder / "printed.txt").read_text()),
         unreadable(kill.command, folder),
-        sorted(path.name for path in (folder / "tmp").iterdir()),
+        sorted(path.name for path in (folder / "tmp").iterdir() if not path.name.startswith(CACHE)),
         told.splitlines()[-1] if "Traceback" in told else None,
     )
 
@@ -229,17 +231,18 @@ def unreadable(command: str, folder: Path) -> str | None:
     from safetensors.torch import load_file
 
     from ..live.log.recording import read_recording
-    from ..training.run_folder import read_log
+    from ..training.run_folder import LOG_FILE, read_log
 
     try:
         if command == "live" and (log := folder / "chase.mcap").exists():
             for _ in read_recording(log).frames():
                 pass
         if command == "train" and (run := folder / "run").exists():
-            read_log(run, "chase")
+            if (run / LOG_FILE).exists():
+                read_log(run, "chase")
             if (resume := run / "resume.safetensors").exists():
                 load_file(resume)
-    except (InputError, SafetensorError) as error:
+    except (SafetensorError, ValueError) as error:
         return str(error)
     return "there is a table" if (folder / "table.parquet").exists() else None
 

@@ -182,9 +182,12 @@ class TrainingLog:
 
 
 def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
-    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log."""
+    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log; a killed run's last may be
+    half a line, which is passed over.
+    """
     with open(folder / LOG_FILE, encoding="utf-8") as file:
-        return [line for line in map(json.loads, file) if line["kind"] == kind]
+        whole = (json.loads(line) for line in file if line.endswith("\n"))
+        return [line for line in whole if line["kind"] == kind]
 
 
 def _tensorboard(folder: Path, resume_update: int) -> Any:
