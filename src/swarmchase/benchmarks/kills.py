@@ -16,13 +16,14 @@ import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..processes.children import child_command
+from ..processes.stop_request import STOP_SIGNALS
 from ..processes.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
@@ -105,11 +106,27 @@ def measure(kills: int, seed: int, finished: Finished) -> dict[str, Any]:
     if not Path("/proc/self/environ").exists():
         raise InputError("there is no /proc here to find processes in")
     results: list[tuple[Kill, Outcome]] = []
-    for number, kill in enumerate(drawn_kills(kills, seed), start=1):
-        with temporary_folder("swarmchase-kills-") as folder:
-            results.append((kill, one_kill(kill, folder)))
-        finished(number)
+    with _nothing_ignored():
+        for number, kill in enumerate(drawn_kills(kills, seed), start=1):
+            with temporary_folder("swarmchase-kills-") as folder:
+                results.append((kill, one_kill(kill, folder)))
+            finished(number)
     return _summary(results, seed)
+
+
+@contextlib.contextmanager
+def _nothing_ignored() -> Iterator[None]:
+    """What this process ignores, as a script's background job ignores SIGINT, those that it starts would ignore, too;
+    what it handles they would not.
+    """
+    ignored = [number for number in STOP_SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, lambda _number, _frame: None)
+    try:
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def drawn_kills(number: int, seed: int) -> list[Kill]:
