@@ -120,8 +120,10 @@ def test_what_was_logged_after_the_last_checkpoint_is_made_again_and_not_twice(u
     resume_file = (tmp_path / "resume.safetensors").read_bytes()
     train(tmp_path, resume=True, interrupt_at=14)
     (tmp_path / "resume.safetensors").write_bytes(resume_file)
+    chases = read_log(tmp_path, "chase")
     with open(tmp_path / "training.jsonl", "a") as log:
         log.write('{"kind": "chase", "upd')
+    assert read_log(tmp_path, "chase") == chases != []
     train(tmp_path, resume=True)
     assert left_behind(tmp_path) == left_behind(undisturbed[1])
 

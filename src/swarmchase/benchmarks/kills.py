@@ -16,13 +16,14 @@ import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..processes.children import child_command
+from ..processes.stop_request import STOP_SIGNALS
 from ..processes.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ ORPHAN_S = 10.0
 """A process that lives so long after its command is an orphan."""
 LOOK_S = 0.05
 MARK = "SWARMCHASE_KILLS"
+CACHE = "torchinductor_"
+"""PyTorch makes an empty one for each user, whoever imports it, and finds it again."""
 NEAR = "sampling_hz = 100\nspatial_correlation = 0.5\nstart_distance_m = {distance_m}\nmax_movements = {movements}\n"
 WORDS = {
     "live": "live --headless --controller gradient --log chase.mcap",
@@ -103,11 +106,27 @@ def measure(kills: int, seed: int, finished: Finished) -> dict[str, Any]:
     if not Path("/proc/self/environ").exists():
         raise InputError("there is no /proc here to find processes in")
     results: list[tuple[Kill, Outcome]] = []
-    for number, kill in enumerate(drawn_kills(kills, seed), start=1):
-        with temporary_folder("swarmchase-kills-") as folder:
-            results.append((kill, one_kill(kill, folder)))
-        finished(number)
+    with _nothing_ignored():
+        for number, kill in enumerate(drawn_kills(kills, seed), start=1):
+            with temporary_folder("swarmchase-kills-") as folder:
+                results.append((kill, one_kill(kill, folder)))
+            finished(number)
     return _summary(results, seed)
+
+
+@contextlib.contextmanager
+def _nothing_ignored() -> Iterator[None]:
+    """What this process ignores, as a script's background job ignores SIGINT, those that it starts would ignore, too;
+    what it handles they would not.
+    """
+    ignored = [number for number in STOP_SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, lambda _number, _frame: None)
+    try:
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def drawn_kills(number: int, seed: int) -> list[Kill]:
@@ -209,7 +228,7 @@ def _outcome(kill: Kill, process: "subprocess.Popen[bytes]", mark: str, folder: 
         all_ended_s,
         _is_json((folder / "printed.txt").read_text()),
         unreadable(kill.command, folder),
-        sorted(path.name for path in (folder / "tmp").iterdir()),
+        sorted(path.name for path in (folder / "tmp").iterdir() if not path.name.startswith(CACHE)),
         told.splitlines()[-1] if "Traceback" in told else None,
     )
 
@@ -229,17 +248,18 @@ def unreadable(command: str, folder: Path) -> str | None:
     from safetensors.torch import load_file
 
     from ..live.log.recording import read_recording
-    from ..training.run_folder import read_log
+    from ..training.run_folder import LOG_FILE, read_log
 
     try:
         if command == "live" and (log := folder / "chase.mcap").exists():
             for _ in read_recording(log).frames():
                 pass
         if command == "train" and (run := folder / "run").exists():
-            read_log(run, "chase")
+            if (run / LOG_FILE).exists():
+                read_log(run, "chase")
             if (resume := run / "resume.safetensors").exists():
                 load_file(resume)
-    except (InputError, SafetensorError) as error:
+    except (SafetensorError, ValueError) as error:
         return str(error)
     return "there is a table" if (folder / "table.parquet").exists() else None
 

@@ -239,7 +239,8 @@ class TrainingLog:
 
 
 def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
-    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log.
+    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log; a killed run's last may be
+    half a line, which is passed over.
 
     Raises:
         InputError: there is no log, or it is damaged.
