@@ -30,6 +30,7 @@ class Swarm:
         """The last set-point of each tracker that is commanded no more: there it holds, if it has heard it."""
         self._released_ns = [0] * NUM_TRACKERS
         self._now_ns = 0
+        self._limits = limits
         self.stream = SetPointStream(limits)
         """The set-points."""
 
@@ -50,7 +51,16 @@ class Swarm:
                 self.stream.release(tracker)
             elif may_join and may_be_commanded and not was_commanded and record.position_m is not None:
                 self._left_m[tracker] = np.nan
-                self.stream.hold(tracker, record.position_m)
+                self.stream.hold(tracker, self._rest_m(record.position_m, record.velocity_mps))
+
+    def _rest_m(self, seen_m: Point, velocity_mps: Point) -> Point:
+        """Where one that was seen there, so fast, can come to rest: to call it back would be to have it turn round. No
+        faster than permitted, and no further out of the fence than it is, whatever it says.
+        """
+        share = min(1.0, self._limits.highest_speed_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
+        rest_m = seen_m + stopping_m(share * velocity_mps[None])[0]
+        low_m, high_m = np.minimum(self._limits.low_m, seen_m), np.maximum(self._limits.high_m, seen_m)
+        return np.asarray(np.clip(rest_m, low_m, high_m))
 
     def commanded(self) -> list[int]:
         """The trackers that have a set-point."""
