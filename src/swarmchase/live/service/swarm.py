@@ -40,6 +40,7 @@ class Swarm:
         """and when that was."""
         self._now_ns = 0
         self._reliability, self._levels = Reliability(), LevelConsistency(scenario)
+        self._limits = limits
         self.stream = SetPointStream(limits)
         """The set-points."""
 
@@ -64,9 +65,9 @@ class Swarm:
                 seen_ns = self._now_ns - round(1e9 * record.position_age_s(self._now_ns))
                 self._seen_m[tracker], self._seen_ns[tracker] = record.position_m, seen_ns
             elif may_join and may_be_commanded and record.position_m is not None:
-                self._join(tracker, record.position_m)
+                self._join(tracker, record.position_m, record.velocity_mps)
 
-    def _join(self, tracker: int, position_m: Point) -> None:
+    def _join(self, tracker: int, position_m: Point, velocity_mps: Point) -> None:
         jump_m = float(np.linalg.norm(position_m - self._seen_m[tracker]))
         flown_m = FLOWN_MPS * (self._now_ns - self._seen_ns[tracker]) / 1e9
         if jump_m > ASTRAY_M + flown_m:
@@ -74,7 +75,16 @@ class Swarm:
             self._reliability.leave_out_jump(tracker, jump_m)
         else:
             self._left_m[tracker] = np.nan
-            self.stream.hold(tracker, position_m)
+            self.stream.hold(tracker, self._rest_m(position_m, velocity_mps))
+
+    def _rest_m(self, seen_m: Point, velocity_mps: Point) -> Point:
+        """Where one that was seen there, so fast, can come to rest: to call it back would be to have it turn round. No
+        faster than permitted, and no further out of the fence than it is, whatever it says.
+        """
+        share = min(1.0, self._limits.highest_speed_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
+        rest_m = seen_m + stopping_m(share * velocity_mps[None])[0]
+        low_m, high_m = np.minimum(self._limits.low_m, seen_m), np.maximum(self._limits.high_m, seen_m)
+        return np.asarray(np.clip(rest_m, low_m, high_m))
 
     def commanded(self) -> list[int]:
         """The trackers that have a set-point."""
