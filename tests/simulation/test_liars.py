@@ -37,17 +37,17 @@ def _without_type_checks() -> Iterator[None]:
 
 
 @pytest.mark.parametrize(
-    ("name", "reasons"),
+    ("faults", "reasons"),
     [
-        ("29.9 m off in place", [f"it says that it is 29.9 {ASTRAY}"]),
-        ("+20 dBm", [CONTRADICTS]),
-        ("never moves", [ASTRAY, NOT_FOLLOWED]),
-        ("a fence that drops destinations", [ASTRAY, NOT_FOLLOWED]),
-        ("two: 29.9 m off, +20 dBm", [ASTRAY, CONTRADICTS]),
+        ("offset={0}@0", [f"it says that it is 29.9 {ASTRAY}"]),
+        ("loud={0}@0", [CONTRADICTS]),
+        ("stays={0}@0", [ASTRAY, NOT_FOLLOWED]),
+        ("fence={0}@0", [ASTRAY, NOT_FOLLOWED]),
+        ("offset={0}@0,loud={1}@0", [ASTRAY, CONTRADICTS]),
     ],
 )
-def test_who_lies_is_named_and_the_others_reach_the_target(name: str, reasons: list[str]) -> None:
-    result = liars.fly(LiveWork(SCENARIO, "recurrent", 4, 3), name)
+def test_who_lies_is_named_and_the_others_reach_the_target(faults: str, reasons: list[str]) -> None:
+    result = liars.fly(LiveWork(SCENARIO, "recurrent", 4, 3), faults)
     assert result.chase.reached
     assert result.chase.movements <= 18
     assert sorted(result.left_out) == list(result.liars)
