@@ -29,7 +29,7 @@ class Window:
     @property
     def offset_m(self) -> Points:
         """From the centre to each tracker at the end of the window [tracker, xyz]."""
-        return self.position_m[-1] - self.center_m
+        return np.asarray(self.position_m[-1] - self.center_m)
 
 
 class StopAndListen:

@@ -10,6 +10,7 @@ samples faster than F is thinned out, one that samples slower leaves cells empty
 """
 
 from collections import Counter, deque
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -137,9 +138,7 @@ class SampleWindow:
         for one_dbm in reported_dbm[counts].tolist():
             self.dropped[why_no_level(one_dbm)] += 1
 
-    def _merits(
-        self, cell: Times, time_ns: Times, message_ns: Times, rssi_dbm: Levels
-    ) -> tuple[Levels, Times, Times, Flags]:
+    def _merits(self, cell: Times, time_ns: Times, message_ns: Times, rssi_dbm: Levels) -> tuple[npt.NDArray[Any], ...]:
         """What makes one sample better for its cell than another, the most important last: that it is valid, how near
         it was taken to the cell's middle, how late it was sent, and (so that the order of arrival never decides) how
         weak it is.
