@@ -307,9 +307,9 @@ DROPPED = {
 @pytest.mark.parametrize("level_dbm", [0.0, 51.0, 127.0, -math.inf, math.nan])
 def test_what_is_no_level_costs_a_window_that_sample_alone(level_dbm: float) -> None:
     """It is decided where the window is taken in."""
-    heard = read(controller_reader(KEYS), signed(rssi_fields(data8=level_dbm)))
+    heard = read(controller_reader(KEYS), signed(rssi_fields(data1=3.0, data9=level_dbm, data10=-61.0)))
     assert isinstance(heard, RssiWindow)
-    assert (repr(heard.rssi_dbm[0]), repr(heard.rssi_dbm[1:])) == (repr(level_dbm), repr(window().rssi_dbm[1:]))
+    assert repr(heard.rssi_dbm) == repr((-60.0, level_dbm, -61.0))
 
 
 @pytest.mark.parametrize(("expected", "datagram"), DROPPED.values(), ids=DROPPED.keys())
