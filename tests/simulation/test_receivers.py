@@ -39,20 +39,21 @@ def test_garbage_is_dropped_counted_by_reason_and_stops_nothing() -> None:
     assert chase.run().reached
     for agent, tracker in zip(chase.agents, chase.service.snapshot().trackers, strict=True):
         assert agent is not None
-        assert agent.dropped[str(NoLevel.ERROR_VALUE)] > 4 * agent.dropped[str(NoLevel.OUT_OF_RANGE)] > 40
-        assert tracker.dropped.keys() == {str(NoLevel.TOO_STRONG)}
-        # One number of seven for every second sample, each counted once: as often as 121, which the tracker drops.
+        # Of seven numbers four are error values, one is 121; 17 comes as often, and goes here, counted once.
         count = agent.dropped[str(NoLevel.OUT_OF_RANGE)]
-        assert 0.5 * count < tracker.dropped[str(NoLevel.TOO_STRONG)] < 1.5 * count
+        assert count > 50
+        assert 3 * count < agent.dropped[str(NoLevel.ERROR_VALUE)] < 5 * count
+        assert tracker.dropped.keys() == {str(NoLevel.TOO_STRONG)}
+        assert 0.6 * count < tracker.dropped[str(NoLevel.TOO_STRONG)] < 1.4 * count
 
 
 def test_a_wild_level_that_its_transmitter_could_give_is_dropped_and_counted() -> None:
-    """Tracker 1's receiver says -15 dBm for every hundredth sample, at 30 m from the target."""
+    """Tracker 1's receiver says -15 dBm for every thirtieth sample, at 30 m from the target."""
     chase = chase_with("")
     receiver = chase._receivers[1]
     put: Callable[[list[Sample]], None] = receiver.put
     receiver.put = lambda samples: put(  # type: ignore[method-assign]
-        [(time_ns, -15.0 if time_ns // 20_000_000 % 100 == 0 else level_dbm) for time_ns, level_dbm in samples]
+        [(time_ns, -15.0 if time_ns // 20_000_000 % 30 == 0 else level_dbm) for time_ns, level_dbm in samples]
     )
     decided: list[np.ndarray] = []
     chase._recorder = lambda entry: decided.append(entry.rssi_dbm) if hasattr(entry, "rssi_dbm") else None
@@ -62,7 +63,8 @@ def test_a_wild_level_that_its_transmitter_could_give_is_dropped_and_counted() -
     assert max(float(np.nanmax(rssi_dbm[:, 1])) for rssi_dbm in decided) < -20
     dropped = [tracker.dropped for tracker in chase.service.snapshot().trackers]
     assert dropped[0] == {}
-    assert 1 <= dropped[1][str(NoLevel.WILD)] <= len(decided) + 1
+    # One or two in each window of fifty.
+    assert len(decided) <= dropped[1][str(NoLevel.WILD)] <= 2 * (len(decided) + 1)
 
 
 class Adrift:

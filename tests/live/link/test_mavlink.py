@@ -321,8 +321,6 @@ DROPPED = {
     "NaN samples": ("refused value", signed(rssi_fields(data1=math.nan))),
     "infinitely many samples": ("refused value", signed(rssi_fields(data1=math.inf))),
     "no rate": ("refused value", signed(rssi_fields(data0=math.nan))),
-    "an absurd level": ("refused value", signed(rssi_fields(data8=51.0))),
-    "an infinite level": ("refused value", signed(rssi_fields(data8=-math.inf))),
     "after the end of time": ("refused value", signed(rssi_fields(time_usec=2**64 - 1))),
     "nowhere": ("refused value", signed(position_fields(math.nan, 0, 0, 0, 0, 0))),
     "too far": ("refused value", signed(position_fields(0, 0, 100_001, 0, 0, 0))),
@@ -330,6 +328,14 @@ DROPPED = {
     "no mode": ("refused value", signed(mavlink.MAVLink_heartbeat_message(18, 8, 1, 0, 4, 3))),
     "two modes": ("refused value", signed(mavlink.MAVLink_heartbeat_message(18, 8, 8 | 64, 0, 4, 3))),
 }
+
+
+@pytest.mark.parametrize("level_dbm", [0.0, 51.0, 127.0, -math.inf, math.nan])
+def test_what_is_no_level_costs_a_window_that_sample_alone(level_dbm: float) -> None:
+    """It is decided where the window is taken in."""
+    heard = read(controller_reader(KEYS), signed(rssi_fields(data1=3.0, data9=level_dbm, data10=-61.0)))
+    assert isinstance(heard, RssiWindow)
+    assert repr(heard.rssi_dbm) == repr((-60.0, level_dbm, -61.0))
 
 
 @pytest.mark.parametrize(("expected", "datagram"), DROPPED.values(), ids=DROPPED.keys())

@@ -667,7 +667,7 @@ def test_the_operator_declares_the_target_reached() -> None:
 
 def test_resumed_after_reached_it_goes_on_and_judges_anew() -> None:
     """It takes two windows to be declared reached; those from before the operator's word do not count."""
-    bench = Bench(level_dbm=lambda *_: -25.0, service_settings=ServiceSettings(settle_s=0.0))
+    bench = Bench(level_dbm=lambda *_: -22.0, service_settings=ServiceSettings(settle_s=0.0))
     bench.still.displacement_m = [0.0, 0.0, 0.0]
     bench.run_until(REACHED)
     assert len(bench.decisions()) == 1
@@ -842,12 +842,12 @@ def test_one_tracker_beside_the_target_is_not_reached() -> None:
 @pytest.mark.parametrize(
     ("first_db", "last_db", "is_near"),
     [
-        (-30.0, 3.0, False),  # 3 dB are not quite the double of what is needed
-        (-30.0, 3.1, True),
-        (-1.0, 0.8, False),
-        (-1.0, 1.0, True),
-        (9.0, -0.1, False),  # it was near, and no longer is
-        (9.0, 0.1, True),
+        (-30.0, 4.1, False),  # 2.95 dB more than the margin are not quite the double of what is needed
+        (-30.0, 4.2, True),
+        (-1.0, 2.5, False),  # 10^-.1 + 10^.25 = 2.57, and twice 10^.115 is 2.61
+        (-1.0, 2.7, True),
+        (9.0, 1.1, False),  # it was near, and no longer is
+        (9.0, 1.2, True),
         (math.nan, 9.0, False),  # one window alone does not say enough
     ],
 )
@@ -887,10 +887,30 @@ def test_with_fading_the_target_is_declared_reached_where_it_is(sampling_hz: int
     assert late.max() <= 10
 
 
+@pytest.mark.parametrize("spacing_m", [1.0, 3.0, 5.0])
+@pytest.mark.parametrize("liar", range(6))
+@pytest.mark.parametrize("lie_db", [-200.0, 20.0])
+@pytest.mark.parametrize(("distance_m", "is_near"), [(0.5, True), (1.2, True), (5.0, False), (8.0, False)])
+def test_no_single_tracker_makes_or_stops_it(
+    spacing_m: float, liar: int, lie_db: float, distance_m: float, is_near: bool
+) -> None:
+    """Without fading; one tracker hears 20 dB too much, or only -200 dBm. At a spacing of 5 m one that is too loud is
+    like one beside the target: there it may hold the word up.
+    """
+    judge = NearnessJudge(SCENARIO, windows=2, minimum_trackers=4)
+    offset_m = formation_m(np.zeros(3), spacing_m)
+    apart_m = np.linalg.norm(offset_m - distance_m * np.array([2, 3, 6]) / 7, axis=1)
+    rssi_dbm = np.array([[power_dbm(SCENARIO, one) for one in apart_m.tolist()]] * 10)
+    rssi_dbm[:, liar] = np.maximum(rssi_dbm[:, liar] + lie_db, -200.0)
+    judge.is_reached(rssi_dbm, offset_m)
+    found = judge.is_reached(rssi_dbm, offset_m)
+    assert found is is_near or (is_near and lie_db > 0 and spacing_m == 5)
+
+
 @pytest.mark.parametrize(("heard", "is_near"), [(6, True), (4, True), (3, False), (0, False)])
 def test_nearness_needs_enough_trackers(heard: int, is_near: bool) -> None:
     judge = NearnessJudge(paper_scenario(), windows=1, minimum_trackers=4)
-    rssi_dbm = np.full((5, 6), 0.0)
+    rssi_dbm = np.full((5, 6), -22.0)
     rssi_dbm[:, heard:] = math.nan
     assert judge.is_reached(rssi_dbm, formation_m(np.zeros(3), 5.0)) is is_near
 

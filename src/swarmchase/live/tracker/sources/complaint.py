@@ -24,8 +24,10 @@ class Complaint:
             heard: whether any level came of it.
             dropped: all samples so far that were no levels, by reason.
         """
-        if heard or self._since_ns is None:
+        if heard:
             self._since_ns, self._counted = now_ns, self._source.rejected + dropped
+        elif self._since_ns is None:
+            self._since_ns = now_ns
 
     def text(self, dropped: Counter[str], now_ns: int) -> str | None:
         """In words; None where a level came a moment ago."""
