@@ -894,8 +894,8 @@ def test_with_fading_the_target_is_declared_reached_where_it_is(sampling_hz: int
 def test_no_single_tracker_makes_or_stops_it(
     spacing_m: float, liar: int, lie_db: float, distance_m: float, is_near: bool
 ) -> None:
-    """Without fading; one tracker hears 20 dB too much, or only -200 dBm. At a spacing of 5 m one that is too loud is
-    like one beside the target: there it may hold the word up.
+    """Without fading; one tracker hears 20 dB too much, or only -200 dBm. From a spacing of 3 m on one that is too
+    loud is like one beside the target: there it may hold the word up.
     """
     judge = NearnessJudge(SCENARIO, windows=2, minimum_trackers=4)
     offset_m = formation_m(np.zeros(3), spacing_m)
@@ -904,7 +904,7 @@ def test_no_single_tracker_makes_or_stops_it(
     rssi_dbm[:, liar] = np.maximum(rssi_dbm[:, liar] + lie_db, -200.0)
     judge.is_reached(rssi_dbm, offset_m)
     found = judge.is_reached(rssi_dbm, offset_m)
-    assert found is is_near or (is_near and lie_db > 0 and spacing_m == 5)
+    assert found is is_near or (is_near and lie_db > 0 and spacing_m >= 3)
 
 
 @pytest.mark.parametrize(("heard", "is_near"), [(6, True), (4, True), (3, False), (0, False)])

@@ -12,7 +12,7 @@ may lie, or be deaf. The strongest decides nothing: one tracker beside the targe
 **A target near the centre explains them.** Real places are not the told channel: levels depart from the best path loss
 by 5 dB and more, and all trackers of a small swarm share most of that. So the six levels are weighed against targets at
 any distance, with a departure that all share and one of each tracker's own, whose tails are long (Student's
-t), so that one tracker that lies moves little. (At spacings of 4 m and more one that is far too loud can still hold
+t), so that one tracker that lies moves little. (At spacings of 3 m and more one that is far too loud can still hold
 the word up: it might be beside the target.) Within the success radius must lie ``LEAST_SHARE`` of the belief.
 
 The figures were set on a map of 81 places of a furnished hall with 12 emitters, where the path loss is fitted to all of
