@@ -26,7 +26,7 @@ pytest.importorskip("uvicorn", reason="the page needs uvicorn: pip install swarm
 from swarmchase.cli import main
 from swarmchase.commands.keys import KeysCommand
 from swarmchase.commands.live import LiveCommand
-from swarmchase.commands.serve import ServeCommand
+from swarmchase.commands.serve import ServeCommand, ready_controller
 from swarmchase.commands.tracker import TrackerCommand
 from swarmchase.live.link.keys import new_keys, read_keys, write_keys
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
@@ -45,6 +45,7 @@ from swarmchase.live.tracker.agent import AgentSettings
 from swarmchase.live.tracker.sources.address import open_source
 from swarmchase.live.tracker.sources.kind import SourceDetails
 from swarmchase.live.tracker.vehicles.kind import VehicleDetails
+from swarmchase.scenario import Scenario
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -534,6 +535,15 @@ def test_serve_passes_its_options_on() -> None:
     assert ServeCommand().settings() == ServiceSettings()
     assert ServeCommand(lowest_altitude_m=2.0).limits().lowest_altitude_m == 2.0
     assert ServeCommand(reached_windows=0).settings().reached_windows == 0
+
+
+def test_whoever_does_not_choose_gets_one_that_survives_and_is_told_of_a_faster_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert ServeCommand().controller == LiveCommand().controller == "robust"
+    ready_controller(ServeCommand().controller, Scenario(), 0)
+    told = capsys.readouterr().err.splitlines()
+    assert told == ["robust survives a channel that is not as told; in one that is, recurrent needs fewer movements."]
 
 
 def test_the_pace_neither_drifts_nor_bursts() -> None:

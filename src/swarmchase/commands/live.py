@@ -10,7 +10,7 @@ from rich.table import Table
 
 from ..errors import InputError
 from ..files import require_writable_folder
-from .options import ListeningControllerName, ScenarioOptions, ServiceOptions
+from .options import LIVE_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions
 from .terminal import CONSOLE, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
     """Chase a simulated target with six tracker processes, a link that can fail, the controller service and its page,
     in real time. Standard input takes the words of swarmchase serve: hold, resume, reached, abort, quit."""
 
-    controller: ListeningControllerName = "recurrent"
+    controller: ListeningControllerName = LIVE_CONTROLLER
     seed: int = 0
     """Seed of the run the chase belongs to."""
     chase: int = 0

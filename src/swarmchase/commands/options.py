@@ -36,6 +36,11 @@ CONTROLLERS = (
 )
 """``controllers.controller_names()``, those for an unknown channel and those that listen best first."""
 
+LIVE_CONTROLLER = "robust"
+"""Of ``serve`` and ``live`` unless another is asked for: it survives a channel that is not as told."""
+FEWEST_MOVEMENTS = "recurrent"
+"""In the channel that it is told."""
+
 
 def _controller_help(names: Sequence[str]) -> str:
     return f"{', '.join(names)}, or the path of a weights file; docs/controllers.md says which to choose."

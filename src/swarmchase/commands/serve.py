@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
-from .options import LinkOptions, ListeningControllerName, ScenarioOptions, ServiceOptions, fields_from
-from .terminal import explain_choice, line_printer, print_json
+from .options import (
+    FEWEST_MOVEMENTS,
+    LIVE_CONTROLLER,
+    LinkOptions,
+    ListeningControllerName,
+    ScenarioOptions,
+    ServiceOptions,
+    fields_from,
+)
+from .terminal import CONSOLE, explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
@@ -25,7 +33,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
     reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
 
-    controller: ListeningControllerName = "recurrent"
+    controller: ListeningControllerName = LIVE_CONTROLLER
     listen: str = "127.0.0.1:14550"
     """HOST:PORT that trackers dial, UDP."""
     start: bool = False
@@ -97,6 +105,11 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     if name == "oracle":
         raise InputError("the oracle knows where a simulated target is; real ones do not tell")
     explain_choice(name, scenario)
+    if name == LIVE_CONTROLLER:
+        CONSOLE.print(
+            f"{name} survives a channel that is not as told; in one that is, {FEWEST_MOVEMENTS} needs fewer movements.",
+            soft_wrap=True,
+        )
     controller = load_controller(name, scenario)
     place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
     rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)
