@@ -46,6 +46,7 @@ from swarmchase.live.tracker.sources.address import open_source
 from swarmchase.live.tracker.sources.kind import SourceDetails
 from swarmchase.live.tracker.vehicles.kind import VehicleDetails
 from swarmchase.scenario import Scenario
+from swarmchase.simulation.tracker_processes import free_udp_ports
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -131,7 +132,7 @@ class Receivers:
     """Sends levels to the trackers' UDP sources, from a thread, 50 times a second."""
 
     def __init__(self, rssi_dbm: list[float]) -> None:
-        self.ports = [free_port() for _ in rssi_dbm]
+        self.ports = free_udp_ports(len(rssi_dbm))
         self._rssi_dbm = rssi_dbm
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._send, daemon=True)
@@ -149,19 +150,13 @@ class Receivers:
         self._thread.join()
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
-        udp.bind(("127.0.0.1", 0))
-        return int(udp.getsockname()[1])
-
-
 class Site:
     """A folder with keys and a scenario, and the processes that were started there."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.keys = folder / "keys"
-        self.port = free_port()
+        (self.port,) = free_udp_ports(1)
         write_keys(self.keys, new_keys())
         self._to_close: list[Process | Receivers] = []
 

@@ -1,12 +1,14 @@
 """The six tracker processes of a simulated live chase, and what happens to them."""
 
 import contextlib
+import itertools
 import os
 import signal
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import InputError
 from ..live.address import LOOPBACK
 from ..live.link.udp_socket import bound_udp_socket
 from ..processes.children import child_command
@@ -18,6 +20,9 @@ SLOW_PERIOD_S, SLOW_SHARE = 0.2, 0.1
 """A slow tracker runs for this share of each period."""
 END_S = 5.0
 """So long a tracker may take to end when it is told to."""
+LOWEST_PORT, NUM_PORTS, PORTS_APART = 15_000, 15_000, 15
+"""Below those that Linux (from 32768) and others (from 49152) hand out."""
+_STEPS = itertools.count()
 
 
 @dataclass(frozen=True)
@@ -120,10 +125,19 @@ class TrackerProcesses:
 
 
 def free_udp_ports(number: int) -> list[int]:
-    """Of this machine; somebody else might take one before it is used."""
-    sockets = [bound_udp_socket(LOOPBACK, 0) for _ in range(number)]
+    """Of this machine, for processes that will open them.
+
+    Not of those that the system hands out: somebody who asks for any port would be given one before it is used. Where
+    the search begins differs from process to process, so that two that search at once find others, and it goes on from
+    where the last one ended.
+    """
+    search = (LOWEST_PORT + (PORTS_APART * os.getpid() + step) % NUM_PORTS for step in _STEPS)
+    return list(itertools.islice(filter(_is_free, search), number))
+
+
+def _is_free(port: int) -> bool:
     try:
-        return [int(one.getsockname()[1]) for one in sockets]
-    finally:
-        for one in sockets:
-            one.close()
+        bound_udp_socket(LOOPBACK, port).close()
+    except InputError:
+        return False
+    return True
