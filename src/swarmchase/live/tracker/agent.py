@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from ...errors import InputError
 from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
-from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, TrackerMode
+from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, Severity, TrackerMode
 from ..link.protocol import Link
+from .notices import NoticeBoard
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
@@ -113,6 +114,7 @@ class TrackerAgent:
         self._sampling_hz = sampling_hz
         self._settings = settings or AgentSettings()
         self._samples = SampleBuffer(sampling_hz)
+        self._notices = NoticeBoard(tracker)
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
@@ -129,6 +131,7 @@ class TrackerAgent:
         self._miss_the_controller(now_ns)
         self._vehicle.update(now_ns)
         self._report(now_ns)
+        self._tell(now_ns)
 
     def close(self) -> None:
         """Hold, and give back what the source, the vehicle and the link hold."""
@@ -195,6 +198,16 @@ class TrackerAgent:
                 self.ignored["impossible position"] += 1
         if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
             self._link.send(Heartbeat(self._tracker, now_ns, self._mode(), self._vehicle.state))
+
+    def _tell(self, now_ns: int) -> None:
+        """What people should know of the vehicle and the receiver; what lasts is named in every step."""
+        for severity, text in self._vehicle.said():
+            self._notices.say(severity, text, now_ns)
+        if self.source_failure is not None:
+            self._notices.say(Severity.ERROR, f"hears nothing any more: {self.source_failure}", now_ns)
+        notice = self._notices.due(now_ns)
+        if notice is not None:
+            self._link.send(notice)
 
     def _mode(self) -> TrackerMode:
         """A vehicle that returns by itself follows nobody."""
