@@ -14,13 +14,21 @@ from swarmchase.controllers import Controller
 from swarmchase.controllers.condition import Condition
 from swarmchase.formation import Action
 from swarmchase.live.clock import VirtualClock
-from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, SetPoint, TrackerMode
+from swarmchase.live.link.messages import (
+    Heartbeat,
+    Message,
+    PositionReport,
+    RssiWindow,
+    SetPoint,
+    TrackerMode,
+    VehicleState,
+)
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
 from swarmchase.live.service.safety import SafetyLimits, formation_m
 from swarmchase.live.service.service import ControllerService
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.observation import Observation
-from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.scenario import NUM_TRACKERS, Scenario, paper_scenario
 from swarmchase.world.environment import Environment, State
 
 IDLE, CONNECTING, SAMPLING, MOVING, HOLDING, REACHED, LOST, ABORTED = ChaseState
@@ -28,6 +36,7 @@ STEP_S = 0.05
 SCENARIO = paper_scenario(window_samples=10)
 """Windows of a second."""
 CENTER_M = np.array([10.0, -20, 30])
+FLYING = VehicleState(is_armed=True, is_airborne=True, is_simulated=True)
 BY_OPERATOR = ServiceSettings(reached_windows=0, settle_s=0.0)
 
 
@@ -47,6 +56,9 @@ class FakeLink:
         messages, self.incoming = self.incoming, []
         return messages
 
+    def clocks_ahead_s(self) -> list[float | None]:
+        return [0.0] * NUM_TRACKERS
+
     def close(self) -> None:
         raise AssertionError("the service does not own the link")
 
@@ -61,6 +73,7 @@ class FakeTracker:
         self.levels: list[float] = []
         self.newest_ns = 0
         self.mode = TrackerMode.FOLLOWING
+        self.vehicle = FLYING
         self.is_alive = self.hears = True
 
     def fly(self, seconds: float) -> None:
@@ -85,7 +98,7 @@ class FakeTracker:
         own_ns = now_ns + self.clock_ahead_ns
         x_m, y_m, z_m = self.position_m.tolist()
         said: list[Message] = [
-            Heartbeat(self.number, own_ns, self.mode),
+            Heartbeat(self.number, own_ns, self.mode, self.vehicle),
             PositionReport(self.number, own_ns, (x_m, y_m, z_m)),
         ]
         if self.levels and self.hears:

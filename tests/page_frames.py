@@ -1,105 +1,165 @@
-"""A made-up chase for the page's tests: six trackers follow a path to a target 100 m away. No simulator, no service."""
+"""Chases that the real service, link, agents and vehicles have flown on a made clock, and the frames of them."""
 
-import math
-import random
+import copy
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
-from swarmchase.live.frame import DecisionFrame, Frame, TrackerFrame
+from swarmchase.controllers import ActionChoice, load_controller, weights_sha256
+from swarmchase.live.alarms import Alarms
+from swarmchase.live.chronicle import Chronicle
+from swarmchase.live.events import Event, Events
+from swarmchase.live.frame import Frame
+from swarmchase.live.link.news import LinkNews
+from swarmchase.live.log.entries import LogHead
+from swarmchase.live.page.info import page_info
+from swarmchase.live.service.chase_state import Decision, Snapshot, Transition
+from swarmchase.live.service.safety import SafetyLimits
+from swarmchase.scenario import paper_scenario
+from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 
-SPACING_CHOICES_M = [1.0, 2.0, 3.0, 4.0, 5.0]
-DISPLACEMENT_CHOICES_M = [-4.0, -2.0, 0.0, 2.0, 4.0]
-DIRECTIONS = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-START_M = (0.0, 0.0, 20.0)
-TARGET_M = (70.0, 60.0, 58.0)
-MOVEMENT_S = 1.5
-STALE_TRACKER = 3
-INFO: dict[str, Any] = {
-    "version": "0.3.0",
-    "controller": "particle",
-    "sampling_hz": 100.0,
-    "spatial_correlation": 0.1,
-    "window_samples": 50,
-    "success_radius_m": 2.0,
-    "spacing_choices_m": SPACING_CHOICES_M,
-    "displacement_choices_m": DISPLACEMENT_CHOICES_M,
-    "fence_m": {"low": [-40.0, -40.0, 2.0], "high": [120.0, 120.0, 90.0]},
-    "title": "",
-}
-
-
-def made_up_frame(
-    time_s: float, epoch: int = 1, state: str = "", reason: str = "", stale_tracker: int | None = STALE_TRACKER
-) -> Frame:
-    """The chase ``time_s`` after its start; the same for the same arguments."""
-    movements = int(time_s / MOVEMENT_S)
-    path_m = _path_m(movements)
-    center_m = path_m[-1]
-    spacing_m = 5.0 if movements < 4 else 4.0
-    draw = random.Random(round(1000 * time_s))
-    flies = time_s % MOVEMENT_S > MOVEMENT_S / 2
-    return Frame(
-        time_s=round(time_s, 3),
-        epoch=epoch,
-        state=state or ("moving" if flies else "sampling"),
-        reason=reason or (f"movement {movements + 1}" if flies else "the trackers are in their places"),
-        movements=movements,
-        center_m=center_m,
-        spacing_m=spacing_m,
-        path_m=path_m,
-        trackers=[_tracker(number, center_m, spacing_m, draw, number == stale_tracker) for number in range(6)],
-        decision=None if movements == 0 else _decision(movements, path_m),
-        belief_m=_belief_m(center_m, draw),
-        target_m=list(TARGET_M),
-        rejected={"unsigned": 3, "stale": 12},
-        decision_latency_ms=3.2 + draw.random(),
-        alarms=[] if stale_tracker is None else [f"tracker {stale_tracker} is silent"],
-    )
+TROUBLE = "frozen=3@12-20,frozen=4@12-20,frozen=5@12-20,silent=2@5-30,forge=60"
+"""Three trackers get lost at a time, one receiver falls silent, and somebody forges datagrams."""
+NARROW = SafetyLimits(
+    fence_west_m=-12.0,
+    fence_east_m=12.0,
+    fence_south_m=-12.0,
+    fence_north_m=12.0,
+    lowest_altitude_m=-12.0,
+    highest_altitude_m=12.0,
+)
+"""Wherever the target is, 25 m from the start, it is outside."""
 
 
-def _path_m(movements: int) -> list[list[float]]:
-    path_m = [list(START_M)]
-    for _ in range(movements):
-        path_m.append([place + _choice_m(end - place) for place, end in zip(path_m[-1], TARGET_M, strict=True)])
-    return path_m
+SCENARIO = paper_scenario(sampling_hz=100, spatial_correlation=0.5, start_distance_m=25.0)
 
 
-def _choice_m(wanted_m: float) -> float:
-    return min(DISPLACEMENT_CHOICES_M, key=lambda choice_m: abs(choice_m - wanted_m))
+def head_for(controller: str, limits: SafetyLimits) -> LogHead:
+    """Of chase 0 of seed 3."""
+    weights = weights_sha256(controller, SCENARIO)
+    began = datetime(2033, 5, 18, tzinfo=UTC)
+    return LogHead("0.3.0", controller, weights, SCENARIO, 3, 0, 1, limits, began, START_NS)
 
 
-def _tracker(number: int, center_m: list[float], spacing_m: float, draw: random.Random, is_stale: bool) -> TrackerFrame:
-    place_m = [center + spacing_m * axis for center, axis in zip(center_m, DIRECTIONS[number], strict=True)]
-    level_dbm = -40 - 20 * math.log10(max(1.0, math.dist(place_m, TARGET_M)))
-    rssi_dbm: list[float | None] = [round(level_dbm + draw.gauss(0, 2.5), 2) for _ in range(50)]
-    if is_stale:
-        rssi_dbm[20:] = [None] * 30
-    for lost in draw.sample(range(50), 2):
-        rssi_dbm[lost] = None
-    return TrackerFrame(
-        position_m=[round(one + draw.gauss(0, 0.15), 3) for one in place_m],
-        set_point_m=[one + 0.8 for one in place_m],
-        mode="holding" if is_stale else "following",
-        position_age_s=0.1,
-        rssi_age_s=4.3 if is_stale else round(draw.uniform(0.01, 0.12), 2),
-        is_lost=False,
-        is_silent=is_stale,
-        loss_share=0.37 if is_stale else round(draw.uniform(0, 0.04), 3),
-        missing_share=0.62 if is_stale else 0.04,
-        rssi_dbm=rssi_dbm,
-    )
+class ShownChase:
+    """A virtual chase with its events and its frames, as ``Audience`` puts them together."""
+
+    def __init__(
+        self,
+        take: Callable[[Frame], None],
+        controller: str = "particle",
+        faults: str = "",
+        limits: SafetyLimits | None = None,
+        starts: bool = True,
+        action_choice: ActionChoice | None = None,
+    ) -> None:
+        scenario, limits = SCENARIO, limits or SafetyLimits()
+        self.amend: Callable[[Snapshot], Snapshot] = lambda snapshot: snapshot
+        """What stands in for a part of the service that this test is not about."""
+        self.entries: list[Transition | Decision | Event] = []
+        chase = self.chase = VirtualChase(
+            scenario,
+            load_controller(controller, scenario, action_choice),
+            3,
+            0,
+            fault_plan(faults),
+            limits=limits,
+            starts=False,
+        )
+        self.head = head_for(controller, limits)
+        link_news = LinkNews(chase.link, lambda: chase.clock.now_ns() / 1e9)
+        self.events = Events(Alarms(chase.link), [self.entries.append], link_news.lines)
+        target_m = chase.site.radio.target_m
+        self._chronicle = Chronicle(chase.link, START_NS, [take], self.events, lambda: target_m)
+        chase._recorder = self._record
+        chase._watch = lambda _snapshot: self._watch()
+        if starts:
+            chase.service.start()
+
+    def say(self, word: str) -> None:
+        """The operator's word, as the loop obeys it."""
+        service = self.chase.service
+        {"reached": service.declare_reached}.get(word, getattr(service, word, None))()  # type: ignore[misc]
+
+    def seconds(self) -> float:
+        """Of the made clock."""
+        return (self.chase.clock.now_ns() - START_NS) / 1e9
+
+    def _record(self, entry: Transition | Decision) -> None:
+        self.entries.append(entry)
+        self.events.record(entry)
+
+    def _watch(self) -> None:
+        self.chase.service.explain()
+        snapshot = self.amend(self.chase.service.snapshot())
+        self.events(snapshot)
+        latencies_s = self.chase._latency_s
+        self._chronicle(snapshot, latencies_s[-1] if latencies_s else None)
 
 
-def _decision(movements: int, path_m: list[list[float]]) -> DecisionFrame:
-    displacement_m = [now - before for now, before in zip(path_m[-1], path_m[-2], strict=True)]
-    shares = []
-    for choices_m, taken_m in [(SPACING_CHOICES_M, 4.0), *((DISPLACEMENT_CHOICES_M, one) for one in displacement_m)]:
-        weights = [math.exp(-abs(choice_m - taken_m) / (1.0 + 0.4 * len(shares))) for choice_m in choices_m]
-        shares.append([round(weight / sum(weights), 4) for weight in weights])
-    return DecisionFrame(
-        movement=movements, spacing_m=4.0, displacement_m=displacement_m, changed="", choice_share=shares
-    )
+@dataclass(frozen=True)
+class RecordedChase:
+    """What a page is shown of one."""
+
+    head: LogHead
+    frames: list[Frame]
+    entries: list[Transition | Decision | Event]
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What the page knows besides."""
+        return page_info(self.head) | {"duration_s": self.frames[-1]["time_s"]}
+
+    def at(self, time_s: float) -> Frame:
+        """The frame next to this time."""
+        return min(self.frames, key=lambda frame: abs(frame["time_s"] - time_s))
 
 
-def _belief_m(center_m: list[float], draw: random.Random) -> list[list[float]]:
-    spread_m = 3.0 + 0.12 * math.dist(center_m, TARGET_M)
-    return [[round(draw.gauss(axis, spread_m), 1) for axis in TARGET_M] for _ in range(200)]
+def recorded(
+    seconds: float, words: dict[float, str] | None = None, with_target: bool = True, **options: Any
+) -> RecordedChase:
+    """A chase for so long, in which the operator says these words at these times."""
+    frames: list[Frame] = []
+    shown = ShownChase(frames.append, **options)
+    waiting = dict(words or {})
+    while shown.seconds() < seconds:
+        for at_s in [at_s for at_s in waiting if at_s <= shown.seconds()]:
+            shown.say(waiting.pop(at_s))
+        shown.chase.tick()
+    if not with_target:
+        for frame in frames:
+            frame["target_m"] = None
+    return RecordedChase(shown.head, frames, shown.entries)
+
+
+@functools.cache
+def ordinary_chase() -> RecordedChase:
+    """Nothing goes wrong, and the target is reached."""
+    return recorded(60.0)
+
+
+@functools.cache
+def troubled_chase() -> RecordedChase:
+    """Everything goes wrong, the target is outside the fence, and the operator aborts."""
+    return recorded(45.0, {40.0: "abort"}, faults=TROUBLE, limits=NARROW)
+
+
+@functools.cache
+def wordless_chase(controller: str, action_choice: ActionChoice | None = None) -> RecordedChase:
+    """The first decisions of a controller that has no belief, with real trackers."""
+    return recorded(20.0, with_target=False, controller=controller, action_choice=action_choice)
+
+
+@functools.cache
+def _first_seconds() -> RecordedChase:
+    return recorded(3.0)
+
+
+def frame_at(time_s: float) -> Frame:
+    """A frame of a real chase, dated otherwise."""
+    frame = copy.deepcopy(_first_seconds().at(time_s))
+    frame["time_s"] = round(time_s, 3)
+    return frame

@@ -1,27 +1,39 @@
-"""A stand-in for the controller service: publishes made-up frames and obeys what the page says."""
+"""A live chase behind a page: the real service, on a made clock that goes with the wall's, obeys what the page says."""
 
 import threading
-from typing import Self
+from typing import Any, Self
 
-from page_frames import made_up_frame
+from page_frames import ShownChase, head_for
 from swarmchase.live.page.feed import Feed
+from swarmchase.live.page.info import page_info
+from swarmchase.live.service.safety import SafetyLimits
+from swarmchase.simulation.virtual_chase import TICK_S
 
-PACE_S = 0.05
 
+class LiveChase:
+    """Flies from a thread of its own until it is stopped, ``rate`` times as fast as the wall's clock."""
 
-class Publisher:
-    """Publishes from a thread of its own until it is stopped."""
-
-    def __init__(self, feed: Feed, epoch: int = 1, time_s: float = 0.0, state: str = "") -> None:
+    def __init__(
+        self,
+        ahead_s: float = 0.0,
+        rate: float = 2.0,
+        controller: str = "particle",
+        limits: SafetyLimits | None = None,
+        **options: Any,
+    ) -> None:
+        """Args: ahead_s: so much has passed already."""
+        limits = limits or SafetyLimits()
         self.heard: list[str] = []
-        self._feed, self._epoch, self._time_s = feed, epoch, time_s
-        self._state = state
-        self._reason = ""
+        self.feed = Feed(page_info(head_for(controller, limits)), is_live=True)
+        self.shown = ShownChase(self.feed.publish, controller, limits=limits, **options)
+        self._pause_s = TICK_S / rate
+        while self.shown.seconds() < ahead_s:
+            self.shown.chase.tick()
         self._stops = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread(target=self._run, name="chase", daemon=True)
 
     def __enter__(self) -> Self:
+        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -32,16 +44,8 @@ class Publisher:
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._stops.wait(PACE_S):
-            for word in self._feed.words():
-                self._obey(word)
-            self._time_s += PACE_S
-            self._feed.publish(made_up_frame(self._time_s, self._epoch, self._state, self._reason))
-
-    def _obey(self, word: str) -> None:
-        self.heard.append(word)
-        self._state, self._reason = {
-            "hold": ("holding", "the operator holds"),
-            "abort": ("aborted", "the operator aborts"),
-            "reached": ("reached", "the operator says so"),
-        }.get(word, ("", ""))
+        while not self._stops.wait(self._pause_s):
+            for word in self.feed.words():
+                self.heard.append(word)
+                self.shown.say(word)
+            self.shown.chase.tick()

@@ -1,6 +1,7 @@
 """A Ray cluster of several nodes on this machine, for tests: add a node, take one away, end a process in it."""
 
 import contextlib
+import ipaddress
 import os
 import signal
 import time
@@ -72,6 +73,27 @@ def processes() -> dict[int, tuple[int, str]]:
         with contextlib.suppress(OSError, ValueError, IndexError):
             words = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
             found[int(entry.name)] = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]), words
+    return found
+
+
+def listening_addresses(root: int) -> set[str]:
+    """Where this process and all of its descendants take TCP connections."""
+    tree = {root}
+    while more := {number for number, (parent, _) in processes().items() if parent in tree} - tree:
+        tree |= more
+    sockets = set()
+    for entry in (entry for number in tree for entry in Path("/proc").glob(f"{number}/fd/*")):
+        with contextlib.suppress(OSError):
+            sockets.add(str(entry.readlink()))
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            address, state, inode = (row.split()[column] for column in (1, 3, 9))
+            if state == "0A" and f"socket:[{inode}]" in sockets:
+                raw = bytes.fromhex(address.partition(":")[0])
+                words = b"".join(raw[place : place + 4][::-1] for place in range(0, len(raw), 4))
+                one = ipaddress.ip_address(words)
+                found.add(str(getattr(one, "ipv4_mapped", None) or one))
     return found
 
 

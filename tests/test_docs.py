@@ -212,14 +212,17 @@ def test_the_comparisons_are_of_the_shipped_controllers(name: str) -> None:
         assert origin["weights_sha256"] == weights_sha256(origin["controller"], told), origin["controller"]
 
 
-def test_live_figures_are_the_measured_ones() -> None:
+@pytest.mark.parametrize(
+    ("name", "rows", "heading"),
+    [("live", "rows", "## How well it works"), ("liars", "liar_rows", "## Trackers that lie or fail")],
+)
+def test_live_figures_are_the_measured_ones(name: str, rows: str, heading: str) -> None:
     pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
-    from swarmchase.benchmarks.live import rows as live_rows
-
-    result = json.loads((ROOT / "benchmarks" / "live.json").read_text())
-    text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8").partition("## How well it works")[2]
-    lines = [line for line in text.partition("\n## ")[0].splitlines() if line.startswith("|")]
+    measured = importlib.import_module(f"swarmchase.benchmarks.{name}")
+    result = json.loads((ROOT / "benchmarks" / f"{name}.json").read_text())
+    text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8").partition(heading)[2].partition("\n## ")[0]
+    lines = [line for line in text.splitlines() if line.startswith("|")]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
-    assert found == live_rows(result)
-    command = f"swarmchase benchmark live --chases {result['chases']} --sampling-hz {result['sampling_hz']:g}"
+    assert found == getattr(measured, rows)(result)
+    command = f"swarmchase benchmark {name} --chases {result['chases']} --sampling-hz {result['sampling_hz']:g}"
     assert f"{command} --spatial-correlation {result['spatial_correlation']:g}" in text

@@ -13,6 +13,7 @@ import pytest
 
 from swarmchase.errors import InputError
 from swarmchase.files import atomic_path, require_writable_file, require_writable_folder, write_text_atomically
+from swarmchase.locks import LockFile
 
 
 def refuse(number: int) -> Callable[..., NoReturn]:
@@ -124,3 +125,83 @@ def test_a_writable_folder_is_made_and_left_empty(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write to folder"):
         require_writable_folder(tmp_path / "file" / "b")
+
+
+def test_what_a_killed_writer_left_is_swept_and_what_a_live_one_holds_is_not(tmp_path: Path) -> None:
+    """Two processes in the middle of a write, one of which is killed; both parts are old."""
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from swarmchase.files import atomic_path\n"
+        "with atomic_path(Path(sys.argv[1])) as temporary:\n"
+        "    temporary.write_bytes(b'half')\n"
+        "    print(temporary, flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    writers, parts = [], []
+    for name in ("killed.bin", "live.bin"):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", program, str(tmp_path / name)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert writer.stdout is not None
+        writers.append(writer)
+        parts.append(Path(writer.stdout.readline().strip()))
+    killed, live = writers
+    killed.kill()
+    killed.communicate()
+    young, others = tmp_path / ".young.bin.abc.swarmchase.part", tmp_path / ".download.part"
+    young.touch()
+    others.touch()
+    for part in (*parts, others):
+        os.utime(part, (0, 0))
+    write_text_atomically(tmp_path / "other.txt", "text")
+    assert not parts[0].exists()
+    assert parts[1].read_bytes() == b"half"
+    live.communicate("")
+    assert {path.name for path in tmp_path.iterdir()} == {young.name, others.name, "live.bin", "other.txt"}
+    assert (tmp_path / "live.bin").read_bytes() == b"half"
+
+
+def test_a_part_that_cannot_be_removed_does_not_stop_a_write(tmp_path: Path) -> None:
+    folder, pipe, link = (tmp_path / f".{name}.swarmchase.part" for name in ("folder", "pipe", "link"))
+    folder.mkdir()
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/zero")
+    for part in (folder, pipe, link):
+        os.utime(part, (0, 0), follow_symlinks=False)
+    write_text_atomically(tmp_path / "it.txt", "text")
+    assert (tmp_path / "it.txt").read_text() == "text"
+    assert folder.is_dir()
+    assert link.is_symlink()
+
+
+def test_a_lock_is_one_process_and_goes_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "it.lock"
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from swarmchase.locks import LockFile\n"
+        "lock = LockFile(Path(sys.argv[1]), 'in use')\n"
+        "print('held', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        inode = path.stat().st_ino
+        with pytest.raises(InputError, match=r"^in use$"):
+            LockFile(path, "in use")
+        holder.kill()
+    lock = LockFile(path, "in use")
+    with pytest.raises(InputError, match=r"^in use$"):
+        LockFile(path, "in use")
+    lock.close()
+    LockFile(path, "in use").close()
+    assert path.stat().st_ino == inode
+    with pytest.raises(InputError, match="cannot write"):
+        LockFile(tmp_path / "none" / "it.lock", "in use")

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from swarmchase.errors import InputError
-from swarmchase.observation import Observation, center_m, mean_position_m, mean_power_dbm
+from swarmchase.observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
+from swarmchase.scenario import paper_scenario
 
 NAN, INF = math.nan, math.inf
 
@@ -95,3 +96,36 @@ def test_shapes_that_do_not_belong_together_are_refused(window, positions):
     object.__setattr__(observation, "tracker_position_m", torch.zeros(positions))
     with pytest.raises(InputError, match="must be"):
         observation.__post_init__()
+
+
+# What controllers take in
+
+
+def test_what_is_no_level_is_missing_and_nothing_else_changes():
+    observation = heard(-60, 0, 31, 127, -128, 17, 121, -89, NAN, INF, -INF, -300, -60, -60, -60)
+    found = checked_observation(observation, paper_scenario()).rssi_dbm[0]
+    expected = [-60, *[NAN] * 6, -89, *[NAN] * 4, -60, -60, -60]
+    np.testing.assert_array_equal(found[:, 0].numpy(), np.array(expected, dtype=np.float32))
+    assert (found[:, 1:] == -50).all()
+
+
+def test_a_window_with_levels_alone_is_the_same_object():
+    """A deep fade and a missing sample are nothing wild."""
+    observation = heard(-60, -140, NAN, -55)
+    assert checked_observation(observation, paper_scenario()) is observation
+
+
+@pytest.mark.parametrize(("wild_dbm", "most_db"), [(17.0, 0.0), (-5.0, 0.0), (-39.0, 0.0), (-40.5, 5.7)])
+def test_one_wild_sample_in_fifty_cannot_move_a_window_far(wild_dbm, most_db):
+    """+17 among -60 would be worth 60 dB of mean power."""
+    observation = heard(*[-60] * 49, wild_dbm)
+    power_dbm = mean_power_dbm(checked_observation(observation, paper_scenario()).rssi_dbm)[0, 0].item()
+    assert -60 <= power_dbm <= -60 + most_db + 1e-4
+
+
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
+def test_a_position_that_is_no_number_is_refused(bad):
+    observation = heard(-60, -61)
+    observation.tracker_position_m[0, 1, 3, 2] = bad
+    with pytest.raises(InputError, match="tracker_position_m must be finite"):
+        checked_observation(observation, paper_scenario())

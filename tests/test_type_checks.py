@@ -9,6 +9,7 @@ import torch
 from beartype.roar import BeartypeCallHintParamViolation
 
 import swarmchase
+from live_bench import FLYING
 from swarmchase.evaluation.statistics import nearest_rank_percentile
 from swarmchase.live.link.messages import Heartbeat, TrackerMode
 from swarmchase.observation import mean_power_dbm
@@ -19,7 +20,7 @@ def test_types_are_checked() -> None:
     with pytest.raises(jaxtyping.TypeCheckError):
         nearest_rank_percentile([1, 2], "90")
     with pytest.raises(BeartypeCallHintParamViolation):
-        Heartbeat(tracker="0", time_ns=0, mode=TrackerMode.FOLLOWING)
+        Heartbeat(tracker="0", time_ns=0, mode=TrackerMode.FOLLOWING, vehicle=FLYING)
 
 
 def test_axes_are_checked() -> None:

@@ -7,7 +7,6 @@ code 2.
 
 import contextlib
 import io
-import os
 import re
 import select
 import signal
@@ -22,22 +21,27 @@ from .commands.benchmark import (
     BenchmarkChannelCommand,
     BenchmarkClusterCommand,
     BenchmarkEnvironmentCommand,
+    BenchmarkKillsCommand,
+    BenchmarkLiarsCommand,
     BenchmarkLiveCommand,
+    BenchmarkNearnessCommand,
+    BenchmarkSeparationCommand,
     BenchmarkSoakCommand,
     BenchmarkTrainingCommand,
 )
 from .commands.chase import ChaseCommand
 from .commands.compare import CompareCommand
 from .commands.evaluate import EvaluateCommand
-from .commands.keys import KeysCommand
+from .commands.keys import KeysCommand, KeysRenewCommand, KeysResetCommand, KeysRevokeCommand
 from .commands.live import LiveCommand
 from .commands.replay import ReplayCommand
 from .commands.reproduce import ReproduceCommand
 from .commands.serve import ServeCommand
-from .commands.terminal import CONSOLE
+from .commands.terminal import CONSOLE, discard
 from .commands.tracker import TrackerCommand
 from .commands.train import TrainA3CCommand, TrainBatchedCommand
 from .errors import InputError, WorkerDiedError
+from .processes.stop_request import Interrupted, stopped_at_once
 
 DESCRIPTION = """Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength.
 
@@ -65,22 +69,37 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "benchmark batched": BenchmarkBatchedCommand,
     "benchmark cluster": BenchmarkClusterCommand,
     "benchmark live": BenchmarkLiveCommand,
+    "benchmark liars": BenchmarkLiarsCommand,
+    "benchmark separation": BenchmarkSeparationCommand,
+    "benchmark nearness": BenchmarkNearnessCommand,
     "benchmark soak": BenchmarkSoakCommand,
+    "benchmark kills": BenchmarkKillsCommand,
     "keys": KeysCommand,
+    "keys make": KeysCommand,
+    "keys renew": KeysRenewCommand,
+    "keys revoke": KeysRevokeCommand,
+    "keys reset": KeysResetCommand,
     "live": LiveCommand,
     "serve": ServeCommand,
     "replay": ReplayCommand,
     "tracker": TrackerCommand,
 }
 
-WITHOUT_TORCH = (KeysCommand, TrackerCommand)
+WITHOUT_TORCH = (KeysCommand, KeysRenewCommand, KeysRevokeCommand, KeysResetCommand, TrackerCommand)
 """A tracker's computer is small."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command and exit: 0 when it went well, 2 on bad input, 130 on Ctrl-C, 141 when nobody reads what it
-    prints any more (``| head``), 1 on any other failure.
+    """Run one command and exit: 0 when it went well, 2 on bad input, 141 when nobody reads what it prints any more
+    (``| head``), 1 on any other failure. Stopped by a signal, 0 where it has a result before its end (a live chase, a
+    training), else 128 and the signal's number, as after a second Ctrl-C: 130 for SIGINT, 143 for SIGTERM, 129 for
+    SIGHUP.
     """
+    with stopped_at_once():
+        _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> None:
     try:
         command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
         if not isinstance(command, WITHOUT_TORCH):
@@ -89,8 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         if not _has_lost_its_reader(sys.stdout):
             raise
-        # What is still to be flushed at the end goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard(sys.stdout)
         sys.exit(128 + signal.SIGPIPE)
     except InputError as error:
         line = " ".join(str(error).splitlines())
@@ -99,9 +117,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except WorkerDiedError as error:
         CONSOLE.print(f"swarmchase: {error}", style="bold red", markup=False, soft_wrap=True)
         sys.exit(1)
-    except KeyboardInterrupt:
-        CONSOLE.print("swarmchase: interrupted")
-        sys.exit(130)
+    except KeyboardInterrupt as error:
+        number, done = (error.number, error.done) if isinstance(error, Interrupted) else (signal.SIGINT, "")
+        CONSOLE.print(f"swarmchase: interrupted {done}".rstrip(), markup=False, soft_wrap=True)
+        sys.exit(128 + number)
 
 
 def _parsed(words: list[str]) -> Command:

@@ -3,15 +3,24 @@
 import contextlib
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import InputError
+from .locks import try_lock
+
+PART_SUFFIX = ".swarmchase.part"
+"""Of a file that is being written. Its writer holds its lock."""
+OLD_PART_S = 60.0
+"""A part that nobody holds and nobody has written to for so long has lost its writer."""
 
 
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that becomes it when the block ends well, and is removed when it does not.
+
+    What writers left in the folder that were killed is swept away, whatever they were to write.
 
     Raises:
         InputError: the folder cannot be made or written, the disk is full, or ``path`` is a folder or a device.
@@ -19,15 +28,18 @@ def atomic_path(path: Path) -> Iterator[Path]:
     _require_replaceable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(descriptor)
+        _sweep(path.parent)
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART_SUFFIX)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
     temporary = Path(name)
     try:
-        yield temporary
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
+        with os.fdopen(descriptor, "rb") as held:
+            with contextlib.suppress(OSError):  # where there are no locks, nothing is swept either
+                try_lock(held.fileno())
+            yield temporary
+            with open(temporary, "rb") as file:
+                os.fsync(file.fileno())
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
@@ -75,3 +87,21 @@ def _require_replaceable(path: Path) -> None:
     """A new file takes the name: that must never be the name of a folder or of a device such as /dev/full."""
     if path.exists() and not path.is_file():
         raise InputError(f"cannot write {path}: it exists and is no regular file")
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what was to become files of this folder and has lost its writer; what cannot be removed stays."""
+    for part in folder.glob(f".*{PART_SUFFIX}"):
+        with contextlib.suppress(OSError):
+            if time.time() - part.stat().st_mtime > OLD_PART_S:
+                _remove_unless_held(part)
+
+
+def _remove_unless_held(part: Path) -> None:
+    """Of two that sweep at once one holds it."""
+    descriptor = os.open(part, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
+    try:
+        if try_lock(descriptor):
+            part.unlink()
+    finally:
+        os.close(descriptor)

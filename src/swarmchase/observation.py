@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import torch
 
-from .batch.array_types import Float, Tensor
+from .batch.array_types import Bool, Float, Tensor
 from .errors import InputError
+from .levels import FEWEST_TO_COMPARE, WILD_DB, highest_dbm, is_level, quartile_place
+from .scenario import Scenario
 
 NEPERS_PER_DB = math.log(10) / 10
 """Of power: its natural logarithm over its level in dB."""
@@ -31,6 +33,46 @@ class Observation:
                 f"rssi_dbm {tuple(self.rssi_dbm.shape)} must be [chase, sample, tracker] and tracker_position_m "
                 f"{tuple(self.tracker_position_m.shape)} the same with three coordinates"
             )
+
+
+def checked_observation(observation: Observation, scenario: Scenario) -> Observation:
+    """The observation as controllers take it in: what is no level of the scenario's transmitter is missing
+    (``levels``), and so is what is wild in its window. One without any such thing is returned as it is.
+
+    Raises:
+        InputError: a position that is no finite number.
+    """
+    if not observation.tracker_position_m.isfinite().all():
+        raise InputError(
+            "tracker_position_m must be finite: for a tracker whose place is not known give the place where it should "
+            "be, and NaN for its levels"
+        )
+    reported_dbm = observation.rssi_dbm
+    kept = is_level(reported_dbm, highest_dbm(scenario)) | reported_dbm.isnan()
+    rssi_dbm = reported_dbm if kept.all() else torch.where(kept, reported_dbm, torch.nan)
+    wild = wild_samples(rssi_dbm)
+    if wild is not None:
+        rssi_dbm = torch.where(wild, torch.nan, rssi_dbm)
+    return observation if rssi_dbm is reported_dbm else Observation(rssi_dbm, observation.tracker_position_m)
+
+
+def wild_samples(rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Bool[Tensor, "chase sample tracker"] | None:
+    """Which samples are more than ``WILD_DB`` above the upper quartile of their tracker's window; None where none is.
+
+    One sample of 50 that is 55 dB too strong adds 38 dB to their mean power; what this leaves adds 6 dB at most.
+    """
+    valid = rssi_dbm.isfinite()
+    number = valid.sum(dim=1)
+    total_db = torch.where(valid, rssi_dbm, 0.0).sum(dim=1)
+    strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=1)
+    # Where the strongest is far above three quarters of them, it is far above their mean: few windows need be sorted.
+    suspicious = (number >= FEWEST_TO_COMPARE) & (strongest_dbm - total_db / number > 0.75 * WILD_DB - 1)
+    if not suspicious.any():
+        return None
+    rising_dbm = torch.where(valid, rssi_dbm, torch.inf).sort(dim=1).values
+    quartile_dbm = rising_dbm.gather(1, quartile_place(number.clamp(min=1))[:, None])
+    wild: Tensor = suspicious[:, None] & valid & (rssi_dbm - quartile_dbm > WILD_DB)
+    return wild if wild.any() else None
 
 
 def mean_power_dbm(rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Tensor, "chase tracker"]:

@@ -42,6 +42,9 @@ AT_LEAST_ZERO = Range(low=0.0)
 AT_LEAST_ONE = Range(low=1.0)
 SHARE = Range(0.0, 1.0)
 
+MOST_SHOWN_CHARACTERS = 200
+"""Of a value in a refusal."""
+
 Allowed = Range | Sequence[str]
 """A range of numbers, or the words to choose from."""
 
@@ -76,7 +79,7 @@ def checked_number(name: str, value: Any, allowed: Range, whole: bool = False) -
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not allowed.admits(value) or (whole and int(value) != value):
         raise InputError(
-            f"{name} = {value!r} is refused: allowed is {'a whole number ' if whole else ''}{allowed.text}"
+            f"{name} = {shown(value)} is refused: allowed is {'a whole number ' if whole else ''}{allowed.text}"
         )
     return int(value) if whole else float(value)
 
@@ -88,4 +91,13 @@ def require_choice(name: str, value: Any, allowed: Sequence[str]) -> None:
         InputError: it is not.
     """
     if value not in allowed:
-        raise InputError(f"{name} = {value!r} is refused: allowed is {' or '.join(map(repr, allowed))}")
+        raise InputError(f"{name} = {shown(value)} is refused: allowed is {' or '.join(map(repr, allowed))}")
+
+
+def shown(value: Any) -> str:
+    """A refused value in a line that people read, whatever its length."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no number of thousands of digits
+        text = "a number of too many digits"
+    return text if len(text) <= MOST_SHOWN_CHARACTERS else f"{text[:MOST_SHOWN_CHARACTERS]}..."

@@ -5,7 +5,6 @@ value is refused with the field's name, the value and the allowed range.
 """
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,8 @@ from typing import Any, Literal, get_args
 
 from .errors import InputError
 from .files import write_text_atomically
-from .ranges import AT_LEAST_ONE, AT_LEAST_ZERO, FINITE, POSITIVE, SHARE, Range, checked_number, require_choice
+from .ranges import AT_LEAST_ONE, AT_LEAST_ZERO, FINITE, POSITIVE, SHARE, Range, checked_number, require_choice, shown
+from .reading import Bounds, read_toml
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
@@ -22,6 +22,12 @@ Continuity = Literal["independent", "continuous"]
 
 NUM_TRACKERS = 6
 """Two on each of three axes (Section II.A). It is geometry, not a setting."""
+MOST_WINDOW_SAMPLES = 10_000
+"""Two hundred times the paper's; a typing error is not to ask for all the memory that there is."""
+MOST_CHOICES = 1_000
+"""Of spacings, and of displacements."""
+FILE_BOUNDS = Bounds(most_bytes=64 * 1024, most_values=10_000, is_finite=False)
+"""Of a scenario's TOML file. The ranges refuse what is not finite, by the field's name."""
 
 
 def doppler_spread_from_speed_hz(relative_speed_mps: float, carrier_frequency_hz: float) -> float:
@@ -53,7 +59,9 @@ class Scenario:
     doppler_spread_hz: float = _constant(
         1.0, Range(0.0, 1000.0), "f_d", "Table I, Eq. (5)", "Doppler spread: 0.1 m/s at 3 GHz."
     )
-    window_samples: int = _constant(50, AT_LEAST_ONE, "L", "Table I", "RSSI samples a tracker reports in one window.")
+    window_samples: int = _constant(
+        50, Range(1.0, MOST_WINDOW_SAMPLES), "L", "Table I", "RSSI samples a tracker reports in one window."
+    )
     sampling_hz: float = _constant(
         10.0, POSITIVE, "F", "Section IV", "Sampling frequency; the paper uses 10, 20, 50 and 100."
     )
@@ -129,7 +137,7 @@ class Scenario:
         known = {constant.name: constant for constant in dataclasses.fields(cls)}
         unknown = sorted(set(values) - set(known))
         if unknown:
-            raise InputError(f"scenario has no field {unknown[0]!r}; its fields are {', '.join(sorted(known))}")
+            raise InputError(f"scenario has no field {shown(unknown[0])}; its fields are {', '.join(sorted(known))}")
         return cls(**{name: _checked(known[name], value) for name, value in values.items()})
 
     def save_toml(self, path: Path) -> None:
@@ -144,12 +152,7 @@ class Scenario:
         Raises:
             InputError: no such file, not TOML, or a field that is refused.
         """
-        try:
-            with open(path, "rb") as file:
-                values = tomllib.load(file)
-        except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read scenario {path}: {error}") from error
-        return cls.from_dict(values)
+        return cls.from_dict(read_toml(path, "scenario", FILE_BOUNDS))
 
 
 def paper_scenario(**changes: Any) -> Scenario:
@@ -163,9 +166,10 @@ def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
     value = tuple(value) if isinstance(value, list) else value
     if isinstance(allowed, Range):
         if isinstance(constant.default, tuple):
-            if not isinstance(value, tuple) or not value:
+            if not isinstance(value, tuple) or not 0 < len(value) <= MOST_CHOICES:
                 raise InputError(
-                    f"{constant.name} = {value!r} is refused: a list of numbers, each {allowed.text}, is needed"
+                    f"{constant.name} = {shown(value)} is refused: a list of 1 to {MOST_CHOICES} numbers, "
+                    f"each {allowed.text}, is needed"
                 )
             return tuple(checked_number(constant.name, entry, allowed, whole=False) for entry in value)
         return checked_number(constant.name, value, allowed, whole=isinstance(constant.default, int))

@@ -92,8 +92,8 @@ def test_a_batch_taken_apart_for_a_file_goes_on_as_if_nothing_had_been(world, nu
     tensors, positions = pack(state, "state")
     tensors = {name: tensor.clone() for name, tensor in tensors.items()}
     positions = json.loads(json.dumps(positions))
-    # ``like`` gives the form alone: another number of chases, another run, another moment.
-    like = environment.reset(chase_keys(77, 2))
+    # ``like`` gives the form alone: another run, another moment.
+    like = environment.reset(chase_keys(77, num_chases))
     restored = unpack(like, "state", tensors, positions)
     assert_equal(restored, state)
     choices = [[4, 3, 2, 1]] * num_chases
@@ -107,6 +107,30 @@ def test_unpacking_names_what_is_missing(lost):
     tensors.pop(lost, None)
     positions.pop(lost, None)
     with pytest.raises(InputError, match=lost):
+        unpack(state, "state", tensors, positions)
+
+
+SPOILED_PARTS = {
+    "a chase too few": lambda tensors, positions: tensors.update({"state.center_m": tensors["state.center_m"][:1]}),
+    "another type": lambda tensors, positions: tensors.update({"state.center_m": tensors["state.center_m"].float()}),
+    "an axis too many": lambda tensors, positions: tensors.update({"state.spacing_m": tensors["state.center_m"]}),
+    "a stream too few": lambda tensors, positions: positions["state.fading.streams"].pop(),
+    "streams that are none": lambda tensors, positions: positions.update({"state.fading.streams": "ab"}),
+    "a word too few": lambda tensors, positions: positions["state.fading.streams"][1]["state"]["state"].pop(),
+    "a word too long": lambda tensors, positions: positions["state.fading.streams"][1].update(
+        state={"state": [2**64, 1, 2, 3]}
+    ),
+    "another generator": lambda tensors, positions: positions["state.fading.streams"][0].update(bit_generator="PCG64"),
+    "no number": lambda tensors, positions: positions["state.fading.streams"][0].update(has_uint32=None),
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILED_PARTS.values(), ids=SPOILED_PARTS.keys())
+def test_unpacking_refuses_another_form(spoil):
+    _, state = fresh(RUNNING, 2)
+    tensors, positions = pack(state, "state")
+    spoil(tensors, positions)
+    with pytest.raises(InputError, match="resume state lacks state"):
         unpack(state, "state", tensors, positions)
 
 

@@ -112,7 +112,7 @@ def test_a_stream_resumes_exactly_from_its_position(
     """Through JSON, whatever was drawn before."""
     streams = ChaseStreams.of(chase_keys(3, 3), "fading")
     drawn(streams, before)
-    resumed = ChaseStreams.at(json.loads(json.dumps(streams.positions())))
+    resumed = ChaseStreams.at(json.loads(json.dumps(streams.positions())), len(streams))
     for one, other in zip(drawn(streams, after), drawn(resumed, after), strict=True):
         assert torch.equal(one, other)
 

@@ -57,7 +57,11 @@ def test_the_commands_give_the_table_of_this_machine_bit_for_bit(
         here = json.loads(capsys.readouterr().out)
         there = {"table": tmp_path / "there.parquet", "cluster": cluster.address, "folder": tmp_path / "kept"}
         main(["evaluate", *words(tmp_path, **options, **there), "--json"])
-        assert json.loads(capsys.readouterr().out) == here
+        output = capsys.readouterr()
+        assert json.loads(output.out) == here
+        assert output.err.startswith(
+            f"The cluster at {cluster.address} has no token: whoever reaches its ports can run"
+        )
         assert (tmp_path / "there.parquet").read_bytes() == (tmp_path / "here.parquet").read_bytes()
     for folder, where in (("here", {}), ("there", {"cluster": cluster.address})):
         options = words(tmp_path, folder=tmp_path / folder, **where)

@@ -16,7 +16,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ray_nodes import WAIT_S, Nodes, kill_one, nodes, processes, processes_at, wait_until
+from ray_nodes import WAIT_S, Nodes, kill_one, listening_addresses, nodes, processes, processes_at, wait_until
 from swarmchase.cluster.training import _Agent, _Supervisor, train_on_cluster
 from swarmchase.scenario import paper_scenario
 from swarmchase.training.a3c import train_a3c
@@ -70,7 +70,9 @@ def test_one_agent_on_the_cluster_is_the_deterministic_schedule_bit_for_bit(clus
 
 
 def test_ctrl_c_stops_the_command_and_its_cluster_cleanly(tmp_path: Path) -> None:
-    """As a terminal does, it reaches the whole process group; a cluster on this machine ends with the command."""
+    """As a terminal does, it reaches the whole process group; a cluster on this machine ends with the command, and no
+    other machine can reach it.
+    """
     WORLD.save_toml(tmp_path / "world.toml")
     options = {"cluster": "local", "preset": "fast", "agents": 1, "folder": tmp_path / "run"}
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
@@ -85,12 +87,15 @@ def test_ctrl_c_stops_the_command_and_its_cluster_cleanly(tmp_path: Path) -> Non
     try:
         log = tmp_path / "run" / "training.jsonl"
         wait_until(lambda: process.poll() is not None or (log.exists() and log.stat().st_size > 0), "gradients")
+        addresses = listening_addresses(process.pid)
         os.killpg(process.pid, signal.SIGINT)
         standard_output, standard_error = process.communicate(timeout=WAIT_S)
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, standard_error
+    assert addresses == {"127.0.0.1"}
+    assert "no token" not in standard_error
     assert "Training interrupted" in standard_error
     assert "Traceback" not in standard_error
     assert standard_output == ""
@@ -184,7 +189,9 @@ def test_a_killed_agent_and_those_of_a_removed_node_come_back(ordeal: Ordeal) ->
 
 
 def test_with_the_global_agent_at_most_a_checkpoint_interval_is_lost(ordeal: Ordeal) -> None:
-    (line,) = told(ordeal, "the global agent is gone")
+    lines = told(ordeal, "the global agent is gone")
+    assert len(lines) == 1, lines
+    (line,) = lines
     words = line["what"].split(":")[0].split()
     reached = int(words[words.index("update") + 1])
     assert 0 <= reached - line["update"] <= SETTINGS.checkpoint_interval

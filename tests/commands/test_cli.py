@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -23,6 +24,7 @@ from swarmchase.commands import options, train
 from swarmchase.commands.terminal import progress_bar
 from swarmchase.controllers import ActionChoice, controller_names
 from swarmchase.evaluation.table import evaluate
+from swarmchase.evaluation.tables import read_rows
 from swarmchase.networks.actor_critic import SwarmNetworks
 from swarmchase.networks.weights import save_weights
 from swarmchase.scenario import paper_scenario
@@ -278,21 +280,23 @@ def test_refusals_are_one_line_for_a_script_too(tmp_path: Path, encoding: str) -
 
 
 @pytest.mark.parametrize("full", ["table", "standard output"])
-def test_a_full_disk_is_one_line(full: str, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_line_and_costs_nothing_else(full: str, tmp_path: Path) -> None:
+    """What was found out is in the other place."""
     words = ["evaluate", "--controller", "random", "--episodes", "1", "--scenario-file", "short.toml", "--json"]
+    words += ["--table", "table.parquet"]
     (tmp_path / "short.toml").write_text("max_movements = 1\n")
     program = (
         "import errno, os, sys\n"
         "def full(_descriptor):\n"
         "    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
-        "if '--table' in sys.argv:\n"
+        "if sys.argv[1] == 'table':\n"
         "    os.fsync = full\n"
         "from swarmchase.cli import main\n"
-        "main(sys.argv[1:])\n"
+        "main(sys.argv[2:])\n"
     )
     with open("/dev/full", "w") as dev_full:
         ran = subprocess.run(
-            [sys.executable, "-c", program, *words, *(["--table", "table.parquet"] if full == "table" else [])],
+            [sys.executable, "-c", program, full, *words],
             stdout=subprocess.PIPE if full == "table" else dev_full,
             stderr=subprocess.PIPE,
             text=True,
@@ -304,11 +308,27 @@ def test_a_full_disk_is_one_line(full: str, tmp_path: Path) -> None:
     assert ran.stderr.splitlines()[-1] == f"swarmchase: cannot write {where}: No space left on device"
     assert "Traceback" not in ran.stderr
     assert "Exception ignored" not in ran.stderr
-    assert not ran.stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
+    if full == "table":
+        assert json.loads(ran.stdout)["episodes"] == 1
+        assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
+    else:
+        assert len(read_rows(tmp_path / "table.parquet", "table")) == 1
 
 
-# --- Ctrl-C ----------------------------------------------------------------------------------------------------------
+def test_a_terminal_that_has_gone_costs_nobody_the_result(tmp_path: Path) -> None:
+    """Its window was closed, and SIGHUP is ignored; standard output is a file."""
+    (tmp_path / "short.toml").write_text("max_movements = 1\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = ["evaluate", "--controller", "random", "--episodes", "3", "--scenario-file", "short.toml", "--json"]
+    try:
+        ran = run(*words, folder=tmp_path, capture_output=False, stdout=subprocess.PIPE, stderr=writer)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, json.loads(ran.stdout)["episodes"]) == (0, 3)
+
+
+# --- signals ---------------------------------------------------------------------------------------------------------
 
 
 def children(pid: int) -> list[int]:
@@ -342,8 +362,17 @@ def evaluation_in_the_background(folder: Path) -> Iterator["subprocess.Popen[str
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-@pytest.mark.parametrize("sent_to", ["the group, as a terminal does", "the command alone"])
-def test_ctrl_c_ends_an_evaluation_with_one_line_and_no_orphans(sent_to: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("sent_to", "numbers"),
+    [
+        ("the group, as a terminal does", [signal.SIGINT]),
+        ("the group, as timeout does", [signal.SIGTERM, signal.SIGTERM]),
+        ("a worker alone", [signal.SIGHUP]),
+    ],
+)
+def test_a_signal_ends_an_evaluation_with_one_line_and_no_orphans(
+    sent_to: str, numbers: list[signal.Signals], tmp_path: Path
+) -> None:
     with evaluation_in_the_background(tmp_path) as process:
         deadline = time.monotonic() + 60
         while len(children(process.pid)) < 3 and process.poll() is None and time.monotonic() < deadline:
@@ -351,12 +380,15 @@ def test_ctrl_c_ends_an_evaluation_with_one_line_and_no_orphans(sent_to: str, tm
         workers = children(process.pid)
         assert len(workers) >= 3
         time.sleep(0.5)  # in the midst of importing or of chasing
-        (os.killpg if sent_to.startswith("the group") else os.kill)(process.pid, signal.SIGINT)
+        for number in numbers:
+            if sent_to.startswith("the group"):
+                os.killpg(process.pid, number)
+            else:
+                os.kill(workers[-1], number)
         output, errors = process.communicate(timeout=60)
-        assert (process.returncode, output) == (130, "")
-        assert [line for line in errors.splitlines() if line.strip() and "/2000000" not in line] == [
-            "swarmchase: interrupted"
-        ]
+        assert (process.returncode, output) == (128 + numbers[0], "")
+        (line,) = [line for line in errors.splitlines() if line.strip() and "/2000000" not in line]
+        assert re.fullmatch(r"swarmchase: interrupted( after \d+ of 2000000 chases: nothing is kept, since .*)?", line)
         for _ in itertools.takewhile(lambda _: any(map(alive, workers)), range(1200)):
             time.sleep(0.05)
         assert not any(map(alive, workers))

@@ -31,6 +31,8 @@ from swarmchase.commands.tracker import TrackerCommand
 from swarmchase.live.link.keys import new_keys, read_keys, write_keys
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.link.messages import Heartbeat, PositionReport, TrackerMode
+from swarmchase.live.link.state_file import CONTROLLER_FILE, CONTROLLER_HEARS, TRACKER_HEARS, tracker_file
+from swarmchase.live.link.timestamps import Timestamps
 from swarmchase.live.log.recording import read_recording
 from swarmchase.live.log.verification import verify
 from swarmchase.live.service.loop import percentile_ms
@@ -248,7 +250,7 @@ def test_a_chase_outlives_a_killed_service(site: Site) -> None:
     second.wait_for("sampling -> lost: 2 movements are spent")
     summary = second.result()
     latencies = {"decision_latency_p50_ms", "decision_latency_p99_ms"}
-    assert summary.keys() == {"state", "reason", "movements", "seconds", "rejected"} | latencies
+    assert summary.keys() == {"state", "reason", "movements", "seconds", "rejected", "rejected_skew_s"} | latencies
     assert (summary["state"], summary["movements"]) == ("lost", 2)
     assert 0 < summary["decision_latency_p99_ms"] < 1000 * summary["seconds"]
     # What was under way at the start, or waited for a slow machine; nothing else is there.
@@ -291,10 +293,10 @@ def test_reached_by_signal_strength_and_a_stranger_is_counted(site: Site) -> Non
     with urllib.request.urlopen(page, timeout=PATIENCE_S) as answer:
         assert (answer.status, answer.headers.get_content_type()) == (200, "text/html")
     stranger = site.tracker(5, "simulated:-60", "--state-folder", str(site.folder), keys=site.folder / "other-keys")
-    service.wait_for("rejected a datagram: wrong key")
+    service.wait_for("rejected a datagram in the name of tracker 5: wrong key")
     assert stranger.stop(signal.SIGINT)["mode"] == "holding"
     site.swarm(BESIDE_THE_TARGET_DBM)
-    service.wait_for("-> reached: every tracker hears the target")
+    service.wait_for("-> reached: the levels are those of a target within")
     summary = service.result()
     assert summary["state"] == "reached"
     assert summary["rejected"]["wrong key"] > 0
@@ -361,6 +363,15 @@ def test_ctrl_c_aborts_and_trackers_are_told_to_hold(site: Site, signal_number: 
         tracker.wait_for(f"tracker {number} holds")
 
 
+def test_no_second_sigterm_forces(site: Site) -> None:
+    service = site.serve("--stay", "--start")
+    service.wait_for("idle -> connecting")
+    for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        service.popen.send_signal(number)
+    service.wait_for("connecting -> aborted")
+    assert service.stop(signal.SIGHUP)["state"] == "aborted"
+
+
 def test_a_second_ctrl_c_ends_at_once(site: Site) -> None:
     service = site.serve("--stay", "--start")
     service.wait_for("idle -> connecting")
@@ -403,6 +414,30 @@ def test_keys_are_written_once_and_for_their_owner(tmp_path: Path, capsys: pytes
     assert file.stat().st_mode & 0o777 == 0o600
     assert "exists already" in refusal(f"keys {file}", capsys)
     assert read_keys(file) == keys
+
+
+def test_a_clock_behind_what_was_signed_last_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each end's own file: an hour ahead, it has signed one packet. After a reset the next refusal is another."""
+    serve = f"serve --controller gradient --unsigned --listen 127.0.0.1:0 --page nowhere --state-folder {tmp_path}"
+    tracker = f"tracker --number 3 --unsigned --source udp:0 --vehicle balloon --state-folder {tmp_path}"
+    for words, sender, file, heard in (
+        (serve, "controller", CONTROLLER_FILE, CONTROLLER_HEARS),
+        (tracker, "3", tracker_file(3), TRACKER_HEARS),
+    ):
+        with contextlib.closing(
+            Timestamps(heard, tmp_path / file, lambda: time.time_ns() + 3600 * 10**9)
+        ) as an_hour_ahead:
+            an_hour_ahead.next_to_send()
+        assert re.match(
+            r"this machine's clock is 3\d{3}\.\d s behind what this end has signed last: set it; if it is right now "
+            r"and was ahead then, swarmchase keys reset forgets that \(docs/link\.md\)$",
+            refusal(words, capsys),
+        )
+        main(["keys", "reset", sender, "--state-folder", str(tmp_path)])
+        assert "Forgotten: when" in capsys.readouterr().err
+        assert re.match("'nowhere' is refused|vehicle 'balloon' is refused", refusal(words, capsys))
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from swarmchase.evaluation.reproduction import (
     fading_table,
     read_evaluations,
     reproduce,
+    save_evaluations,
     training_log,
 )
 from swarmchase.evaluation.table import Evaluation, evaluate
@@ -87,6 +88,7 @@ def test_it_evaluates_the_papers_twelve_settings_and_the_oracle() -> None:
 
 def test_the_table_holds_the_very_chases_of_evaluate(few_cells: list[Cell], tmp_path: Path) -> None:
     evaluations = reproduce(tmp_path, 7, 3, 1)
+    save_evaluations(tmp_path, evaluations)
     for cell, one in zip(few_cells, evaluations, strict=True):
         assert list(one.chases) == list(evaluate(cell.scenario, cell.controller, 7, 3).chases)
     kept = read_evaluations(tmp_path / TABLE_FILE)
@@ -106,6 +108,7 @@ def test_interrupted_it_goes_on_behind_the_last_block(
     few_cells: list[Cell], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = reproduce(tmp_path / "whole", 7, 3, 1)
+    save_evaluations(tmp_path / "whole", whole)
     evaluated: list[tuple[str, int, int]] = []
 
     def counted(
@@ -120,12 +123,12 @@ def test_interrupted_it_goes_on_behind_the_last_block(
     monkeypatch.setattr(blocks, "evaluate", counted)
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path / "parts", 7, 3, 1)
-    assert not (tmp_path / "parts" / TABLE_FILE).exists()
     told: list[tuple[int, int]] = []
     assert reproduce(tmp_path / "parts", 7, 3, 1, lambda *news: told.append(news[:2])) == whole
     assert evaluated == [("random", 3, 3), ("random", 6, 1)]
     assert told == sorted(told)
     assert told[-1] == (14, 10)  # of all chases ten were found on disk
+    save_evaluations(tmp_path / "parts", whole)
     assert (tmp_path / "parts" / TABLE_FILE).read_bytes() == (tmp_path / "whole" / TABLE_FILE).read_bytes()
 
 
@@ -153,7 +156,7 @@ def test_a_block_of_another_run_is_made_anew(
 
 
 def test_a_folder_with_another_runs_table_is_refused_and_left_as_it_is(few_cells: list[Cell], tmp_path: Path) -> None:
-    reproduce(tmp_path, 3, 3, 1)
+    save_evaluations(tmp_path, reproduce(tmp_path, 3, 3, 1))
     before = (tmp_path / TABLE_FILE).read_bytes()
     for episodes, seed in ((2, 3), (3, 4)):
         with pytest.raises(InputError, match="choose another folder"):

@@ -240,7 +240,8 @@ def test_table_is_the_same_for_any_batch_size_and_processes(controller: str, wei
 def test_two_processes_tell_of_every_chase_and_leave_none_out(weights: Path) -> None:
     told: list[int] = []
     outcome = evaluate(SMALL, str(weights), episodes=11, seed=2, processes=2, finished=told.append)
-    assert told == list(range(12))
+    assert list(dict.fromkeys(told)) == list(range(12))  # some more than once, while none ends
+    assert told == sorted(told)
     assert [chase.chase for chase in outcome.chases] == list(range(11))
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,12 +9,15 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+
+from swarmchase.live.alarms import Alarm, Alarms
 from swarmchase.live.chronicle import Chronicle
+from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.link.messages import Metres, TrackerMode
+from swarmchase.live.link.rejection import Reason, RejectedError
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, TrackerSnapshot
-from swarmchase.live.service.tracker_news import TrackerNews
 
 BEGAN_NS = 7 * 10**12
 THERE = TrackerSnapshot(
@@ -28,6 +30,7 @@ THERE = TrackerSnapshot(
     is_silent=False,
     missing_share=0.0,
     rssi_dbm=(-60.0, -61.0),
+    dropped={},
 )
 NOWHERE = dataclasses.replace(
     THERE, position_m=None, set_point_m=None, mode=None, is_lost=True, is_silent=True, missing_share=1.0
@@ -52,21 +55,26 @@ SNAPSHOT = Snapshot(
 # Lines
 
 
-def news_of(*conditions: dict[str, Any]) -> list[str]:
-    """What is told of tracker 2, who is there at first but for these changes, one after the other."""
-    told: list[str] = []
-    news = TrackerNews(told.append)
-    for changes in conditions:
-        trackers = [NOWHERE] * 6
-        trackers[2] = dataclasses.replace(THERE, **changes)
-        news(dataclasses.replace(SNAPSHOT, trackers=tuple(trackers)), None)
-    return told
+@pytest.fixture
+def link() -> Iterator[ControllerMavlinkLink]:
+    link = ControllerMavlinkLink("127.0.0.1", 0, unsigned=True)
+    yield link
+    link.close()
+
+
+def news_of(link: ControllerMavlinkLink, *trackers: tuple[TrackerSnapshot, ...]) -> list[str]:
+    """What is told of these, one moment after the other, before the start."""
+    told: list[Event] = []
+    events = Events(Alarms(link), [told.append])
+    for one in trackers:
+        events(dataclasses.replace(SNAPSHOT, state=ChaseState.IDLE, trackers=one))
+    return [event.text for event in told]
 
 
 @pytest.mark.parametrize(
     ("conditions", "told"),
     [
-        ([{"is_lost": True, "is_silent": True}] * 3, []),  # who has never been there is no news
+        ([{"position_m": None, "is_lost": True, "is_silent": True}] * 3, []),  # who has never been there is no news
         ([{}, {}, {}], ["tracker 2 is there"]),
         ([{}, {"is_silent": True}, {}], ["tracker 2 is there", "tracker 2 is silent", "tracker 2 is there"]),
         ([{}, {"is_lost": True}, {"is_lost": True}], ["tracker 2 is there", "tracker 2 is lost"]),
@@ -81,26 +89,21 @@ def news_of(*conditions: dict[str, Any]) -> list[str]:
         ([{"mode": TrackerMode.HOLDING}, {"mode": TrackerMode.FOLLOWING}], ["tracker 2 is there"]),
     ],
 )
-def test_what_has_changed_with_a_tracker_is_told_once(conditions: list[dict[str, Any]], told: list[str]) -> None:
-    assert news_of(*conditions) == told
+def test_what_has_changed_with_a_tracker_is_told_once(
+    conditions: list[dict[str, Any]], told: list[str], link: ControllerMavlinkLink
+) -> None:
+    """Of tracker 2, who is there at first but for these changes, one after the other."""
+    moments = [(*[NOWHERE] * 2, dataclasses.replace(THERE, **one), *[NOWHERE] * 3) for one in conditions]
+    assert news_of(link, *moments) == told
 
 
-def test_each_tracker_has_its_own_news() -> None:
-    told: list[str] = []
-    news = TrackerNews(told.append)
-    news(dataclasses.replace(SNAPSHOT, trackers=(THERE, NOWHERE, THERE, NOWHERE, NOWHERE, NOWHERE)), None)
-    news(dataclasses.replace(SNAPSHOT, trackers=(THERE,) * 5 + (NOWHERE,)), None)
+def test_each_tracker_has_its_own_news(link: ControllerMavlinkLink) -> None:
+    first = (THERE, NOWHERE, THERE, NOWHERE, NOWHERE, NOWHERE)
+    told = news_of(link, first, (THERE,) * 5 + (NOWHERE,))
     assert told == [f"tracker {number} is there" for number in (0, 2, 1, 3, 4)]
 
 
 # Frames
-
-
-@pytest.fixture
-def link() -> Iterator[ControllerMavlinkLink]:
-    link = ControllerMavlinkLink("127.0.0.1", 0, unsigned=True)
-    yield link
-    link.close()
 
 
 class Shown:
@@ -108,19 +111,20 @@ class Shown:
 
     def __init__(self, link: ControllerMavlinkLink) -> None:
         self.frames: list[Frame] = []
-        self.alarms: list[str] = []
+        self.alarms: list[Alarm] = []
         self.target_m: Metres | None = None
         self._steps = 0
-        self._chronicle = Chronicle(
-            link, BEGAN_NS, [self.frames.append], lambda: self.alarms, target_m=lambda: self.target_m
-        )
+        self._events = Events(Alarms(link, lambda: self.alarms))
+        self._chronicle = Chronicle(link, BEGAN_NS, [self.frames.append], self._events, target_m=lambda: self.target_m)
 
     def step(self, latency_s: float | None = None, **changes: Any) -> int:
         """How many frames that gives."""
         before = len(self.frames)
         self._steps += 1
         time_ns = BEGAN_NS + self._steps * 50_000_000
-        self._chronicle(dataclasses.replace(SNAPSHOT, **{"time_ns": time_ns, **changes}), latency_s)
+        snapshot = dataclasses.replace(SNAPSHOT, **{"time_ns": time_ns, **changes})
+        self._events(snapshot)
+        self._chronicle(snapshot, latency_s)
         return len(self.frames) - before
 
 
@@ -165,7 +169,7 @@ def test_frames_are_not_changed_by_what_comes_later(link: ControllerMavlinkLink)
     shown.step()
     kept = json.dumps(shown.frames[0])
     for number in range(1, 5):
-        shown.alarms.append("late")
+        shown.alarms.append(Alarm(f"late {number}", "late"))
         shown.step(movements=number)
     assert json.dumps(shown.frames[0]) == kept
 
@@ -180,13 +184,18 @@ def test_the_last_decision_s_latency_stays_until_the_next(link: ControllerMavlin
 def test_alarms_rejections_and_the_target_are_those_of_the_moment(link: ControllerMavlinkLink) -> None:
     shown = Shown(link)
     shown.step()
-    shown.alarms, shown.target_m = ["the log has lost 3 frames"], (1.0, 2.00049, -3.0)
-    link._rejected = Counter({"wrong key": 3, "giant": 1})
+    shown.alarms, shown.target_m = [Alarm("log", "the log has lost 3 frames")], (1.0, 2.00049, -3.0)
+    for reason in [Reason.WRONG_KEY] * 3 + [Reason.GIANT]:
+        link.rejections.add(RejectedError(reason))
     shown.step()
     shown.step(recorder_failures=2)
     first, last = shown.frames
     assert (first["alarms"], first["rejected"], first["target_m"]) == ([], {}, None)
-    assert last["alarms"] == ["the log has lost 3 frames", "2 entries could not be recorded"]
+    assert [alarm["text"] for alarm in last["alarms"]] == [
+        "datagrams are rejected: wrong key 3.0/s, giant 1.0/s",
+        "the log has lost 3 frames",
+        "2 entries could not be recorded",
+    ]
     assert list(last["rejected"].items()) == [("giant", 1), ("wrong key", 3)]
     assert last["target_m"] == [1, 2, -3]
     assert last["trackers"][0]["loss_share"] is None

@@ -270,7 +270,7 @@ def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_pa
 
 
 def test_it_learns(tmp_path, capsys):
-    """Half a minute of training narrows the law from 2.6 dB to below 2 dB, and chases get shorter by it."""
+    """Sixty updates narrow the law from 2.5 dB to below 2 dB, and chases get shorter by it."""
     words = ["train", "batched", "--preset", "recurrent", "--sampling-hz", "100", "--spatial-correlation", "0.1"]
     words += ["--folder", str(tmp_path / "run"), "--updates", "60", "--chases-per-agent", "128", "--threads", "1"]
     main([*words, "--evaluation-interval", "60", "--evaluation-chases", "10"])

@@ -1,6 +1,7 @@
 """Weights files: written and read back, and every bad file refused in one clear line; learned controllers' refusals."""
 
 import json
+import os
 import pickle
 import struct
 
@@ -145,6 +146,33 @@ BAD_FILES = {
         lambda path: rewritten(path, lambda tensors: tensors[HEAD].__setitem__(2, float("nan"))),
         "numbers that are not finite",
     ),
+    "whole numbers": (
+        lambda path: rewritten(path, lambda tensors: tensors.update({HEAD: torch.zeros(5, dtype=torch.int64)})),
+        "no floating-point numbers",
+    ),
+    "numbers of eight bits": (
+        lambda path: rewritten(path, lambda tensors: tensors.update({HEAD: torch.zeros(5).to(torch.float8_e5m2)})),
+        "as torch.float8_e5m2, in which swarmchase writes nothing",
+    ),
+    "complex numbers": (
+        lambda path: rewritten(path, lambda tensors: tensors.update({HEAD: torch.zeros(5, dtype=torch.complex64)})),
+        "as torch.complex64, in which swarmchase writes nothing",
+    ),
+    "numbers that no float32 can be": (
+        lambda path: rewritten(
+            path, lambda tensors: tensors.update({HEAD: torch.full((5,), 1e300, dtype=torch.float64)})
+        ),
+        "numbers that are not finite",
+    ),
+    "a deep document": (
+        lambda path: save_file(load_file(path), path, {"swarmchase": '{"format": ' + "[" * 100_000}),
+        "damaged or was not",
+    ),
+    "a format that is no text": (
+        lambda path: rewritten(path, lambda tensors: None, {"format": ["swarmchase-networks-1"]}),
+        r"holds \['swarmchase-networks-1'\], not",
+    ),
+    "a terabyte": (lambda path: os.truncate(path, 2**40), "has more than 67108864 bytes"),
     "infinity inside": (
         lambda path: rewritten(path, lambda tensors: tensors[HEAD].__setitem__(0, float("-inf"))),
         "numbers that are not finite",

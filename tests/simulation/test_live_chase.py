@@ -34,12 +34,15 @@ class Live:
 
     def __init__(self, folder: Path, *words: str, scenario: str = NEAR) -> None:
         self.folder = folder
+        self.temporary = folder / "tmp"
+        self.temporary.mkdir()
         (folder / "scenario.toml").write_text(scenario)
         options = ["--headless", "--scenario-file", "scenario.toml", "--log", "chase.mcap", "--json"]
         self._told = open(folder / "told.txt", "wb")  # noqa: SIM115
         self.popen = subprocess.Popen(
             [sys.executable, "-m", "swarmchase", "live", *options, *words],
             cwd=folder,
+            env={**os.environ, "TMPDIR": str(self.temporary)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self._told,
@@ -71,6 +74,9 @@ class Live:
     def recording(self) -> Recording:
         return read_recording(self.folder / "chase.mcap")
 
+    def stage(self) -> int:
+        return next(child for child in _children(self.popen.pid) if len(_children(child)) == 6)
+
     def children(self) -> list[int]:
         """The stage, and the trackers below it."""
         found: list[int] = []
@@ -80,6 +86,13 @@ class Live:
             found += below
             waiting += below
         return found
+
+    def wait_until_nothing_is_left(self, processes: list[int]) -> None:
+        """No process, and nothing in the temporary folder."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while any(map(_is_running, processes)) or list(self.temporary.iterdir()):
+            assert time.monotonic() < deadline_s, (list(filter(_is_running, processes)), list(self.temporary.iterdir()))
+            time.sleep(0.05)
 
     def close(self) -> None:
         for process in [self.popen.pid, *self.children()]:
@@ -171,19 +184,26 @@ def test_through_faults_of_every_kind_it_arrives(tmp_path: Path, lives: list[Liv
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc here to find processes in")
-def test_ctrl_c_ends_every_process_and_keeps_the_log(tmp_path: Path, lives: list[Live]) -> None:
+@pytest.mark.parametrize("sent_to", ["all, as systemd does", "a tracker", "the stage"])
+def test_a_signal_ends_every_process_and_keeps_the_log(sent_to: str, tmp_path: Path, lives: list[Live]) -> None:
+    """To whichever of the command's processes it goes, and SIGTERM as often as it likes."""
     live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
     lives.append(live)
     live.wait_for("-> moving: movement 1")
     children = live.children()
     assert len(children) >= 7
-    live.popen.send_signal(signal.SIGINT)
+    assert [path.name[:16] for path in live.temporary.iterdir()] == ["swarmchase-live-"]
+    stage = live.stage()
+    if sent_to == "a tracker":
+        os.kill(_children(stage)[3], signal.SIGHUP)
+    elif sent_to == "the stage":
+        os.kill(stage, signal.SIGINT)
+    else:
+        for process in 2 * [*children, live.popen.pid]:
+            os.kill(process, signal.SIGTERM)
     summary = live.summary()
     assert (summary["state"], summary["reached"]) == ("aborted", False)
-    deadline_s = time.monotonic() + PATIENCE_S
-    while any(map(_is_running, children)):  # Python's own helper of processes ends a moment after its user
-        assert time.monotonic() < deadline_s
-        time.sleep(0.05)
+    live.wait_until_nothing_is_left(children)
     assert live.recording().state.value == "aborted"
 
 
@@ -192,16 +212,27 @@ def test_a_site_that_dies_is_a_clear_line(tmp_path: Path, lives: list[Live]) -> 
     live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
     lives.append(live)
     live.wait_for("-> moving: movement 1")
-    stage = next(child for child in _children(live.popen.pid) if len(_children(child)) == 6)
-    trackers = _children(stage)
-    os.kill(stage, signal.SIGKILL)
+    children = live.children()
+    assert len(children) >= 7
+    os.kill(live.stage(), signal.SIGKILL)
     code, output = live.end()
     assert (code, output) == (1, "")
     assert live.told.rstrip().endswith("swarmchase: the simulated site has died with exit code -9 (a negative one is "
                                        "the signal that killed it)")  # fmt: skip
     assert live.recording().movements == 1
-    for tracker in trackers:  # orphans, which the command cannot know
-        os.kill(tracker, signal.SIGTERM)
+    live.wait_until_nothing_is_left(children)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc here to find processes in")
+def test_a_killed_chase_leaves_a_log_and_nothing_else(tmp_path: Path, lives: list[Live]) -> None:
+    """One of its trackers stands still: nothing but the kernel can end it."""
+    live = Live(tmp_path, "--controller", "gradient", "--faults", "frozen=2@0.5", scenario=NEAR.replace("12", "100"))
+    lives.append(live)
+    live.wait_for("tracker 2 is lost")
+    children = live.children()
+    live.popen.kill()
+    live.wait_until_nothing_is_left(children)
+    assert live.recording().is_cut
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,14 @@ import torch
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from live_bench import FLYING
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, tracker_position_m
+from swarmchase.levels import highest_dbm, is_level
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.codec import TRACKER_COMPONENT, ReportDecoder, system_of
-from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
+from swarmchase.live.link.messages import Heartbeat, Metres, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.link.packet import PacketReader, PacketWriter, Peer
 from swarmchase.live.link.rejection import RejectedError
 from swarmchase.live.link.timestamps import Timestamps
@@ -33,12 +35,13 @@ from swarmchase.simulation.fault_plan import (
     ProcessFault,
     ReceiverFault,
     TrackerFault,
+    VehicleFault,
     fault_plan,
 )
 from swarmchase.simulation.faulty_path import Faults
 from swarmchase.simulation.forger import Forger
 from swarmchase.simulation.radio import BREAK_AFTER_S, BREAK_BEFORE_S, Radio
-from swarmchase.simulation.receivers_gone_wrong import ABSURD_DBM, FailingReceiver
+from swarmchase.simulation.receivers_gone_wrong import FailingReceiver
 from swarmchase.simulation.site import MOST_SAMPLES_MADE_UP, Site
 from swarmchase.simulation.tracker_processes import free_udp_ports
 from swarmchase.simulation.udp_relay import UdpRelay
@@ -46,7 +49,8 @@ from swarmchase.simulation.virtual_chase import KEYS, START_NS, SkewedClock
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualNetwork
 from swarmchase.world.environment import Environment, distance_to_target_m
 
-SILENT, STUCK, GARBAGE, WRONG, DELAYED, INTERMITTENT = ReceiverFault
+SILENT, STUCK, GARBAGE, WRONG, DEAF, LOUD, DELAYED, INTERMITTENT = ReceiverFault
+OFFSET, ORIGIN, STAYS, FENCE = VehicleFault
 SLOW, FROZEN, KILL, RESTART = ProcessFault
 
 
@@ -67,6 +71,7 @@ SLOW, FROZEN, KILL, RESTART = ProcessFault
         ("outage=10-13, outage=20-21.5", FaultPlan(Faults(outages_s=((10.0, 13.0), (20.0, 21.5))))),
         ("forge=200", FaultPlan(forged_hz=200.0)),
         ("silent=2@10-20", FaultPlan(trackers=(TrackerFault(SILENT, 2, 10.0, 20.0),))),
+        ("offset=5@3", FaultPlan(trackers=(TrackerFault(OFFSET, 5, 3.0, math.inf),))),
         ("garbage=0@0", FaultPlan(trackers=(TrackerFault(GARBAGE, 0, 0.0, math.inf),))),
         (
             "restart=4@30,kill=5@1.5,frozen=1@2-3",
@@ -149,6 +154,8 @@ MS_NS = 10**6
         (None, [(0, -60.0), (100, -61.0)], [(0, -60.0), (100, -61.0)]),
         (SILENT, [(0, -60.0), (100, -61.0)], []),
         (WRONG, [(0, -60.0), (100, -61.0)], [(0, -40.0), (100, -41.0)]),
+        (DEAF, [(0, -60.0), (100, -61.0)], [(0, -200.0), (100, -200.0)]),
+        (LOUD, [(0, -60.0), (100, -61.0)], [(0, 20.0), (100, 20.0)]),
         # It is silent in every second half second of the clock.
         (
             INTERMITTENT,
@@ -184,11 +191,14 @@ def test_a_stuck_receiver_repeats_the_last_level_from_before_and_recovers() -> N
     ]
 
 
-def test_garbage_is_nothing_that_a_receiver_can_mean_and_all_of_it_comes() -> None:
+def test_garbage_comes_among_true_levels_and_all_of_it_is_dropped_or_harmless() -> None:
+    """Each of the numbers that receivers report; of them only the single -89 is a level of Table I's transmitter."""
     receiver = FailingReceiver(Random(1))
-    levels_dbm = {receiver.reported((number, -60.0), GARBAGE)[0][1] for number in range(200)}
-    assert levels_dbm == set(ABSURD_DBM)
-    assert not any(-200 <= level_dbm <= 50 for level_dbm in levels_dbm)
+    levels_dbm = [receiver.reported((number, -60.0), GARBAGE)[0][1] for number in range(400)]
+    assert set(levels_dbm) == {0, 31, 127, -128, 17, 121, -89, -60}
+    assert 150 < levels_dbm.count(-60) < 250
+    highest = highest_dbm(paper_scenario())
+    assert {level_dbm for level_dbm in levels_dbm if is_level(level_dbm, highest)} == {-60, -89}
 
 
 # The forger
@@ -212,7 +222,7 @@ def test_nothing_that_a_forger_sends_is_ever_accepted() -> None:
     def say(time_ns: int) -> None:
         for tracker, writer in enumerate(writers):
             for message in (
-                Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING),
+                Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING, FLYING),
                 PositionReport(tracker, time_ns, (1.0, 2.0, 3.0)),
                 RssiWindow(tracker, time_ns, 10.0, (-60.0,) * 50),
             ):
@@ -419,6 +429,35 @@ def test_vehicles_fly_in_the_world_s_time() -> None:
     assert world.positions_m()[0] == (5, 0, 0)
 
 
+@pytest.mark.parametrize(
+    ("fault", "told_m", "flies_to_m", "says_m"),
+    [
+        (OFFSET, (-5.0, 20.0, 0.0), (-5, 20, 0), (24.9, 20, 0)),
+        (ORIGIN, (995.0, 20.0, 0.0), (-5, 20, 0), (995, 20, 0)),
+        (STAYS, (-5.0, 20.0, 0.0), (-5, 0, 0), (-5, 0, 0)),
+        (FENCE, (-5.0, 20.0, 0.0), (-5, 20, 0), (-5, 20, 0)),
+        (FENCE, (-5.0, 20.0, 31.0), (-5, 0, 0), (-5, 0, 0)),
+    ],
+)
+def test_what_a_failing_vehicle_does_and_says(
+    fault: VehicleFault, told_m: Metres, flies_to_m: Metres, says_m: Metres
+) -> None:
+    """From second 1 to 30; before and after that it is a vehicle like any other."""
+    world = Site(paper_scenario(), 1, 0, fault_plan(f"{fault}=1@1-30"))
+    world.begin(START_NS)
+    failing = world.flown[1]
+    assert failing.position_m == (-5, 0, 0)
+    world.advance(START_NS + 1000 * MS_NS)
+    failing.go_to(told_m)
+    world.advance(START_NS + 2000 * MS_NS)
+    failing.go_to(told_m)
+    for step in range(3, 20):
+        world.advance(START_NS + 1000 * step * MS_NS)
+    assert (failing.position_m, world.positions_m()[1]) == (pytest.approx(says_m), pytest.approx(flies_to_m))
+    world.advance(START_NS + 30_000 * MS_NS)
+    assert failing.position_m == world.positions_m()[1]
+
+
 def test_the_distance_to_the_target_is_the_evaluation_s_also_with_two_trackers_left_behind() -> None:
     scenario = paper_scenario(start_distance_m=30)
     environment, world = Environment(scenario), Site(scenario, 2, 5)
@@ -429,7 +468,7 @@ def test_the_distance_to_the_target_is_the_evaluation_s_also_with_two_trackers_l
     world.announce(START_NS, (4.0, 4.0, -4.0), 2.0)
     for tracker, (x_m, y_m, z_m) in enumerate(tracker_position_m(state.center_m, state.spacing_m)[0].tolist()):
         if tracker not in {1, 4}:  # they stay where they were
-            world.vehicles[tracker]._position_m = (x_m, y_m, z_m)
+            world.vehicles[tracker]._true_position_m = (x_m, y_m, z_m)
     assert world.distance_to_target_m() == pytest.approx(float(distance_to_target_m(state)[0]), abs=0.01)
 
 

@@ -8,7 +8,9 @@ import pytest
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase import load_controller, paper_scenario
+from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
+from swarmchase.live.events import Events
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
@@ -24,8 +26,10 @@ def test_what_a_chase_holds_does_not_grow() -> None:
     settings = ServiceSettings(reached_windows=0)  # nobody ever says that it is reached
     plan = fault_plan("loss=0.1,duplicate=0.1,replay=0.1,forge=20")
     chase = VirtualChase(scenario, controller, 0, 0, plan, settings)
-    chronicle = Chronicle(chase.link, START_NS, [lambda _frame: None], list)
-    chase._watch = lambda snapshot: chronicle(snapshot, None)
+    events = Events(Alarms(chase.link))
+    chronicle = Chronicle(chase.link, START_NS, [lambda _frame: None], events)
+    chase._recorder = events.record
+    chase._watch = lambda snapshot: (events(snapshot), chronicle(snapshot, None))[0]
 
     def held_after(seconds: float) -> int:
         while chase.clock.now_ns() < START_NS + seconds * 1e9:

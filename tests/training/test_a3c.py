@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import resource
+import shutil
 import signal
 
 import numpy as np
@@ -84,7 +85,7 @@ def test_a_run_leaves_what_it_promises(undisturbed):
     assert booked <= result.environment_steps <= booked + 3 * 12
     assert result.environment_steps == evaluations[-1]["environment_steps"]
     names = {path.name for path in folder.iterdir()}
-    assert names == {"best.safetensors", "resume.safetensors", "training.jsonl", "tensorboard"}
+    assert names == {"best.safetensors", "resume.safetensors", "training.jsonl", "training.lock", "tensorboard"}
 
 
 def test_the_same_run_again_is_the_same_bit_for_bit_and_another_seed_is_not(undisturbed, tmp_path):
@@ -119,8 +120,10 @@ def test_what_was_logged_after_the_last_checkpoint_is_made_again_and_not_twice(u
     resume_file = (tmp_path / "resume.safetensors").read_bytes()
     train(tmp_path, resume=True, interrupt_at=14)
     (tmp_path / "resume.safetensors").write_bytes(resume_file)
+    chases = read_log(tmp_path, "chase")
     with open(tmp_path / "training.jsonl", "a") as log:
         log.write('{"kind": "chase", "upd')
+    assert read_log(tmp_path, "chase") == chases != []
     train(tmp_path, resume=True)
     assert left_behind(tmp_path) == left_behind(undisturbed[1])
 
@@ -175,6 +178,26 @@ def without(name):
     return spoil
 
 
+def changed(name, change):
+    def spoil(path):
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata()
+        tensors = load_file(path)
+        tensors[name] = change(tensors[name])
+        save_file(tensors, path, metadata)
+
+    return spoil
+
+
+def saying(**fields):
+    def spoil(path):
+        with safe_open(path, framework="pt") as file:
+            document = json.loads(file.metadata()["swarmchase"])
+        save_file(load_file(path), path, {"swarmchase": json.dumps(document | fields)})
+
+    return spoil
+
+
 @pytest.mark.parametrize(
     "spoil",
     [
@@ -199,6 +222,38 @@ def test_a_damaged_resume_file_ends_in_one_line_and_exit_code_2(tmp_path, capsys
     assert len([line for line in standard_error.splitlines() if "swarmchase:" in line]) == 1
     assert "resume" in standard_error
     assert "Traceback" not in standard_error
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        changed("global.vector", lambda vector: vector[:-1].clone()),
+        changed("global.vector", lambda vector: vector * float("nan")),
+        changed("global.second_moment", lambda moment: moment.half()),
+        changed("global.updates", lambda updates: updates - 100),
+        changed("global.updates", lambda updates: updates + 0.5),
+        changed("agent1.state.center_m", lambda center_m: center_m[:, :2].clone()),
+        changed("agent1.state.center_m", lambda center_m: center_m.float()),
+        changed("agent1.state.center_m", lambda center_m: center_m * float("nan")),
+        changed("agent1.number", lambda number: number + 1),
+        changed("agent1.number", lambda number: number - 3 * 1000),
+        changed("agent1.movements", lambda movements: movements - 1000),
+        saying(agents=[]),
+        saying(agents={}),
+        saying(agents=[1, 2, 3]),
+        saying(best={"update": 1}),
+        saying(best=[1]),
+        saying(environment_steps="many"),
+        saying(environment_steps=-1),
+        saying(seconds=float("nan")),
+    ],
+)
+def test_a_resume_file_that_is_not_of_the_run_is_refused(undisturbed, tmp_path, spoil):
+    folder = shutil.copytree(undisturbed[1], tmp_path / "run")
+    spoil(folder / "resume.safetensors")
+    with pytest.raises(InputError, match="resume ") as refusal:
+        train(folder, resume=True)
+    assert "\n" not in str(refusal.value)
 
 
 def command(tmp_path):

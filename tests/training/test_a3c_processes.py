@@ -92,6 +92,12 @@ def is_gone(pid):
         return True
 
 
+def one_line(capsys):
+    """Of a refusal, which says it is ours."""
+    _, line = capsys.readouterr().err.split("swarmchase: ")
+    return " ".join(line.split())
+
+
 @pytest.fixture
 def running():
     """Starts the real command in a process group of its own, as a terminal does, and leaves none behind."""
@@ -126,10 +132,19 @@ def test_one_worker_process_is_the_deterministic_schedule_bit_for_bit(tmp_path):
     assert multiprocessing.active_children() == []
 
 
-def test_a_run_killed_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path, running):
+def test_a_run_killed_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path, running, capsys):
     changes = {"schedule": "deterministic", "agents": 2, "updates": 60}
     killed = running(command(tmp_path / "killed", **changes))
     wait_until(lambda: (tmp_path / "killed" / "resume.safetensors").exists() or killed.poll() is not None, "checkpoint")
+    # While it is at work nobody else is let in, neither to go on nor to begin, and what it does goes on.
+    killed.send_signal(signal.SIGSTOP)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "killed").iterdir() if path.is_file()}
+    for words in ([], ["--resume"]):
+        with pytest.raises(SystemExit) as ending:
+            main([*command(tmp_path / "killed", **changes), *words])
+        assert ending.value.code == 2
+        assert "in use by another training: wait for it, or choose another folder" in one_line(capsys)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "killed").iterdir() if path.is_file()} == before
     killed.kill()
     killed.communicate()
     assert killed.returncode == -signal.SIGKILL
@@ -139,15 +154,27 @@ def test_a_run_killed_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path, r
     assert left_behind(tmp_path / "killed") == left_behind(tmp_path / "undisturbed")
 
 
-@pytest.mark.parametrize("moment", ["while its agents start", "in the middle"])
-def test_ctrl_c_stops_cleanly_and_what_was_done_can_be_resumed(tmp_path, running, moment):
+@pytest.mark.parametrize(
+    ("moment", "number", "sent_to"),
+    [
+        ("while its agents start", signal.SIGINT, "the group"),
+        ("in the middle", signal.SIGTERM, "the group"),
+        ("in the middle", signal.SIGHUP, "an agent"),
+    ],
+)
+def test_a_signal_stops_cleanly_and_what_was_done_can_be_resumed(tmp_path, running, moment, number, sent_to):
     folder = tmp_path / "run"
     process = running(command(folder))
     wait_until(lambda: len(workers(process.pid)) == 2 or process.poll() is not None, "agents")
     agents = workers(process.pid)
     if moment == "in the middle":
         wait_until(lambda: (folder / "resume.safetensors").exists() or process.poll() is not None, "checkpoint")
-    os.killpg(process.pid, signal.SIGINT)
+    if sent_to == "an agent":
+        os.kill(agents[0], number)
+    else:
+        os.killpg(process.pid, number)
+        if number != signal.SIGINT:
+            os.killpg(process.pid, number)  # as often as it likes
     standard_output, standard_error = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, standard_error
     assert "Training interrupted" in standard_error

@@ -58,20 +58,20 @@ def pack(batch: Any, prefix: str) -> tuple[dict[str, torch.Tensor], dict[str, An
 
 
 def unpack(like: Batch, prefix: str, tensors: dict[str, torch.Tensor], positions: dict[str, Any]) -> Batch:
-    """The batch that ``pack`` took apart; ``like`` is any batch of the same form.
+    """The batch that ``pack`` took apart; ``like`` is any batch of the same form and length.
 
     Raises:
-        InputError: a part is missing.
+        InputError: a part is missing, or is not of the form of ``like``.
     """
     value: Any = like
     if value is None:
         return like
     try:
         if isinstance(value, torch.Tensor):
-            return tensors[prefix]  # type: ignore[return-value]
+            return _like(value, tensors[prefix])  # type: ignore[return-value]
         if isinstance(value, ChaseStreams):
-            return ChaseStreams.at(positions[prefix])  # type: ignore[return-value]
-    except (KeyError, TypeError, ValueError) as error:
+            return ChaseStreams.at(positions[prefix], len(value))  # type: ignore[return-value]
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"resume state lacks {prefix}: it was written for another scenario or by another version"
         ) from error
@@ -80,6 +80,12 @@ def unpack(like: Batch, prefix: str, tensors: dict[str, torch.Tensor], positions
         for part in dataclasses.fields(value)
     }
     return dataclasses.replace(value, **parts)  # type: ignore[no-any-return]
+
+
+def _like(value: torch.Tensor, tensor: torch.Tensor) -> torch.Tensor:
+    if tensor.shape != value.shape or tensor.dtype != value.dtype:
+        raise ValueError(f"{tuple(tensor.shape)} of {tensor.dtype}, needed {tuple(value.shape)} of {value.dtype}")
+    return tensor
 
 
 def _parts(value: Any) -> list[tuple[str, Any]]:

@@ -87,8 +87,14 @@ class ChaseStreams:
         return [_jsonable(generator.bit_generator.state) for generator in self._generators]
 
     @classmethod
-    def at(cls, positions: Sequence[dict[str, Any]]) -> "ChaseStreams":
-        """Streams that go on where ``positions`` said."""
+    def at(cls, positions: Sequence[dict[str, Any]], num_chases: int) -> "ChaseStreams":
+        """Streams that go on where ``positions`` said.
+
+        Raises:
+            LookupError, TypeError, ValueError, OverflowError: these are no positions of so many streams.
+        """
+        if len(positions) != num_chases:
+            raise ValueError(f"{len(positions)} streams, needed {num_chases}")
         generators = []
         for position in positions:
             bit_generator = np.random.SFC64(0)

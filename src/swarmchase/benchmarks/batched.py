@@ -23,6 +23,7 @@ import torch
 from ..batch.freed_memory import keep_freed_memory
 from ..networks.actor_critic import NETWORK_NAMES, ActorCritic, SwarmNetworks
 from ..networks.forms import new_networks
+from ..processes.children import end_with_parent
 from ..scenario import paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters
@@ -98,7 +99,8 @@ def table(result: dict[str, Any]) -> "Table":
 
 
 def _in_a_process(rate: Callable[..., float], *arguments: Any) -> float:
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context, initializer=end_with_parent) as pool:
         return pool.submit(rate, *arguments).result()
 
 

@@ -12,7 +12,7 @@ import multiprocessing
 import platform
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from ..controllers import load_controller, require_controller
 from ..evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
 from ..live.service.loop import percentile_ms
 from ..live.tracker.agent import AgentSettings
+from ..processes.children import end_with_parent
 from ..scenario import NUM_TRACKERS, Scenario
 from ..simulation.fault_plan import fault_plan
 from ..simulation.virtual_chase import VirtualChase, VirtualResult
@@ -44,10 +45,13 @@ SETTINGS: dict[str, str] = {
 
 Finished = Callable[[int], None]
 """Is told how many chases have ended."""
+Flown = TypeVar("Flown")
 
 
 @dataclass(frozen=True)
-class _Chase:
+class LiveWork:
+    """One chase to be flown in every setting."""
+
     scenario: Scenario
     controller: str
     seed: int
@@ -59,9 +63,9 @@ def measure(
 ) -> dict[str, Any]:
     """Chases 0, 1, ... of the seed in every setting."""
     require_controller(controller, scenario)
-    work = [_Chase(scenario, controller, seed, chase) for chase in range(chases)]
+    work = [LiveWork(scenario, controller, seed, chase) for chase in range(chases)]
     by_setting: dict[str, list[VirtualResult]] = {name: [] for name in SETTINGS}
-    for number, results in enumerate(_run(work, processes), start=1):
+    for number, results in enumerate(flown(work, _in_every_setting, processes), start=1):
         for name, result in results.items():
             by_setting[name].append(result)
         finished(number)
@@ -72,7 +76,7 @@ def measure(
         "chases": chases,
         "seed": seed,
         "processor": platform.processor() or platform.machine(),
-        "settings": {name: _summary(scenario, results) for name, results in by_setting.items()},
+        "settings": {name: summary(scenario, results) for name, results in by_setting.items()},
     }
 
 
@@ -111,20 +115,22 @@ def rows(result: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def _run(work: list[_Chase], processes: int) -> Iterator[dict[str, VirtualResult]]:
+def flown(work: list[LiveWork], fly: Callable[[LiveWork], Flown], processes: int) -> Iterator[Flown]:
+    """What comes of each work, in their order."""
     if processes == 1:
-        yield from map(_in_every_setting, work)
+        yield from map(fly, work)
         return
     with multiprocessing.get_context("spawn").Pool(processes, initializer=_begin_process) as pool:
-        yield from pool.imap(_in_every_setting, work)
+        yield from pool.imap(fly, work)
 
 
 def _begin_process() -> None:
+    end_with_parent()
     torch.set_num_threads(1)
     keep_freed_memory()
 
 
-def _in_every_setting(work: _Chase) -> dict[str, VirtualResult]:
+def _in_every_setting(work: LiveWork) -> dict[str, VirtualResult]:
     results: dict[str, VirtualResult] = {}
     for name, faults in SETTINGS.items():
         half_way_s = results["no loss"].seconds / 2 if results else 0.0
@@ -134,7 +140,8 @@ def _in_every_setting(work: _Chase) -> dict[str, VirtualResult]:
     return results
 
 
-def _summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
+def summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
+    """Of the chases of one setting."""
     reached = np.array([result.reached for result in results])
     lost = scenario.max_movements + 1
     # As in the evaluation: what is not reached counts as more movements than there are, and is never dropped.

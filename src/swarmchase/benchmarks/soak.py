@@ -9,14 +9,14 @@ import json
 import platform
 import signal
 import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, WorkerDiedError
+from ..processes.children import child_command
+from ..processes.temporary_folder import temporary_folder
 from ..scenario import Scenario
 
 if TYPE_CHECKING:
@@ -43,14 +43,13 @@ def measure(scenario: Scenario, controller: str, seconds: float, faults: str, wa
         raise InputError(f"seconds = {seconds:g} is refused: the first {WARM_UP_S:g} are only to warm up")
     if not Path("/proc/self/smaps_rollup").exists():
         raise InputError("there is no /proc here to read the memory of processes from")
-    with tempfile.TemporaryDirectory(prefix="swarmchase-soak-") as name:
-        folder = Path(name)
+    with temporary_folder("swarmchase-soak-") as folder:
         scenario.save_toml(folder / "scenario.toml")
         words = ["live", "--scenario-file", "scenario.toml", "--controller", controller, "--reached-windows", "0"]
         words += ["--page", "127.0.0.1:0", "--log", "soak.mcap", "--faults", faults, "--json"]
         with open(folder / "told.txt", "wb") as told:
             process = subprocess.Popen(
-                [sys.executable, "-m", "swarmchase", *words],
+                child_command(words),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -58,7 +57,7 @@ def measure(scenario: Scenario, controller: str, seconds: float, faults: str, wa
             )
         try:
             memory_mb = _watch(process, seconds, waited, folder)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGTERM)  # SIGINT is ignored in a script's background job
             output, _ = process.communicate(timeout=END_S)
         finally:
             with contextlib.suppress(ProcessLookupError):

@@ -12,6 +12,7 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..networks.actor_critic import SwarmNetworks
+from ..processes.children import end_with_parent
 from ..scenario import Scenario, paper_scenario
 from ..training.agent import LocalAgent
 from ..training.global_agent import SharedParameters
@@ -87,6 +88,7 @@ def _worker(
     index: int,
     updates: int,
 ) -> None:
+    end_with_parent()
     torch.set_num_threads(1)
     keep_freed_memory()
     global_agent = make_global_agent(settings, shared, lock)

@@ -2,15 +2,17 @@
 
 import contextlib
 import inspect
+import ipaddress
 import os
 import socket
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, WorkerDiedError
+from ..processes.stop_request import kept_handlers
 from . import software
 from .software import installed, require_same_software
 
@@ -20,6 +22,10 @@ LOCAL_OBJECT_STORE_BYTES = 200_000_000
 """Gradients and parameters on their way; what does not fit waits on disk."""
 TOKEN_FILE = Path("~/.ray/auth_token")
 """The secret that all machines of a cluster share: ``ray get-auth-token --generate``."""
+NO_TOKEN = (
+    "The cluster at {address} has no token: whoever reaches its ports can run any program on its machines. "
+    "ray get-auth-token --generate makes one (docs/cluster.md)."
+)
 REACH_LIMIT_S = 5.0
 """For a machine to take a connection."""
 HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
@@ -28,6 +34,9 @@ FRAME_HEADER_BYTES = 9
 EMPTY_SETTINGS = bytes([0, 0, 0, SETTINGS_TYPE, 0, 0, 0, 0, 0])
 PROBE_LIMIT_S = 60.0
 """For a node to say what is installed there: it starts a Python process first."""
+
+Tell = Callable[[str], None]
+"""One line for people."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,8 @@ def ray_module() -> Any:
         # A cluster whose machines have a token wants it; `ray start` looks for it unasked, Ray's Python does not.
         os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
-        import ray
+        with kept_handlers():  # Ray's would end this process at once
+            import ray
     except ModuleNotFoundError as error:
         raise InputError("a cluster needs Ray, which is not installed: pip install 'swarmchase[cluster]'") from error
     # A node that lacks this package, or has another, must still be able to say so.
@@ -124,10 +134,14 @@ def _has_token() -> bool:
 
 
 @contextlib.contextmanager
-def connected(address: str, local_cpus: int) -> Iterator[Cluster]:
-    """The cluster at ``address`` (HOST:PORT of its head), or one of ``local_cpus`` CPUs on this machine for ``local``.
+def connected(address: str, local_cpus: int, tell: Tell = lambda _line: None) -> Iterator[Cluster]:
+    """The cluster at ``address`` (HOST:PORT of its head), or one of ``local_cpus`` CPUs on this machine for ``local``,
+    which no other machine can reach.
 
     This machine must be one of its nodes. Whatever runs there for this process ends with the block.
+
+    Args:
+        tell: is given a line for people where a cluster is joined that keeps nobody out.
 
     Raises:
         InputError: no Ray, nobody at the address, another version of Ray or Python there, no CPUs, a node without
@@ -143,11 +157,41 @@ def connected(address: str, local_cpus: int) -> Iterator[Cluster]:
         cluster = Cluster(ray, ray.get_runtime_context().get_node_id())
         if cluster.num_cpus() < 1:
             raise InputError(f"the cluster at {address} has no CPUs: start its nodes with `ray start --num-cpus N`")
-        if address != LOCAL:
+        if address == LOCAL:
+            _require_loopback(ray)
+        else:
+            if not _has_token():
+                tell(NO_TOKEN.format(address=address))
             cluster.require_same_software(cluster.node_names())
         yield cluster
     finally:
         ray.shutdown()
+
+
+@contextlib.contextmanager
+def _on_loopback() -> Iterator[None]:
+    """Ray binds to all interfaces, also where ``_node_ip_address`` is 127.0.0.1, unless it believes that there are no
+    clusters of several machines: as on macOS and Windows, and inside this block.
+    """
+    from ray._private import ray_constants
+
+    before = ray_constants.ENABLE_RAY_CLUSTER
+    ray_constants.ENABLE_RAY_CLUSTER = False
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = before
+
+
+def _require_loopback(ray: Any) -> None:
+    """What the block above relies on is not promised to be in every version of Ray.
+
+    Raises:
+        InputError: other machines could reach this cluster.
+    """
+    address = ray.nodes()[0]["NodeManagerAddress"]
+    if not ipaddress.ip_address(address).is_loopback:
+        raise InputError(f"Ray {ray.__version__} cannot be kept to this machine: it listens at {address}")
 
 
 def _connect(ray: Any, address: str, local_cpus: int) -> None:
@@ -159,7 +203,8 @@ def _connect(ray: Any, address: str, local_cpus: int) -> None:
             "include_dashboard": False,
         }
     try:
-        with warnings.catch_warnings():
+        loopback = _on_loopback() if address == LOCAL else contextlib.nullcontext()
+        with kept_handlers(), warnings.catch_warnings(), loopback:
             warnings.simplefilter("ignore")  # Ray's own, of what it will change one day
             ray.init(address=address, **options)
     except Exception as error:  # of several kinds, and of others in other versions of Ray

@@ -7,9 +7,8 @@ own, and is found again.
 import functools
 import itertools
 import socket
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ from ..controllers import controller_names
 from ..errors import WorkerDiedError
 from ..evaluation.blocks import Block, Runner, Running, run_block
 from ..evaluation.chases import ChaseResult
+from ..networks.weights import read_weights
+from ..processes.temporary_folder import temporary_folder
 from .connection import Cluster, own_error
 from .software import installed, require_same_software
 
@@ -51,13 +52,17 @@ def on_cluster(cluster: Cluster, batch_size: int | None = None) -> Runner:
         found = sum(part.episodes for part in kept)
         ended: dict[Block, list[ChaseResult]] = {}
         missing = [part for part in block_of if part not in kept]
-        for part, chases in itertools.chain(kept.items(), _ended_parts(cluster, missing, batch_size)):
+
+        def report(part: Block) -> None:
+            running(sum(one.episodes for one in ended), min(found, sum(map(len, ended.values()))), part.job.name)
+
+        for part, chases in itertools.chain(kept.items(), _ended_parts(cluster, missing, batch_size, report)):
             ended[part] = chases
             block = block_of[part]
             if all(one in ended for one in parts[block]):
                 yield block, [chase for one in parts[block] for chase in ended.pop(one)]
                 _forget(parts[block], block)
-            running(sum(one.episodes for one in ended), min(found, sum(map(len, ended.values()))), part.job.name)
+            report(part)
 
     return run
 
@@ -70,9 +75,9 @@ def _forget(parts: Sequence[Block], block: Block) -> None:
 
 
 def _ended_parts(
-    cluster: Cluster, parts: Sequence[Block], batch_size: int | None
+    cluster: Cluster, parts: Sequence[Block], batch_size: int | None, wait: Callable[[Block], None]
 ) -> Iterator[tuple[Block, list[ChaseResult]]]:
-    """Each part as it ends, and has been saved."""
+    """Each part as it ends, and has been saved; ``wait`` is told one that is at work, now and then."""
     ray = cluster.ray
     task = ray.remote(num_cpus=1, max_retries=RETRIES, scheduling_strategy="SPREAD")(_chases)
     here = installed()
@@ -91,6 +96,8 @@ def _ended_parts(
             part.save(chases, origins[part])
             yield part, chases
             heard_s = time.monotonic()
+        for part in itertools.islice(at_work.values(), 1):
+            wait(part)
         if time.monotonic() > heard_s + PART_LIMIT_S:
             raise WorkerDiedError(
                 f"no chases have ended for {PART_LIMIT_S:g} s: {len(at_work)} parts wait for a CPU or are at work; "
@@ -110,7 +117,7 @@ def _result(ray: Any, done: Any, part: Block) -> list[ChaseResult]:
 
 def _own_weights(controller: str) -> bytes | None:
     """A weights file that only this machine has; None for a controller that comes with the package."""
-    return None if controller in controller_names() else Path(controller).read_bytes()
+    return None if controller in controller_names() else read_weights(Path(controller))
 
 
 def _chases(
@@ -122,10 +129,10 @@ def _chases(
     require_same_software(socket.gethostname(), _installed_once(), expected)
     if weights is None:
         return run_block(part, batch_size=batch_size)
-    with tempfile.NamedTemporaryFile(suffix=".safetensors") as file:
-        file.write(weights)
-        file.flush()
-        return run_block(replace(part, job=replace(part.job, controller=file.name)), batch_size=batch_size)
+    with temporary_folder("swarmchase-weights-") as folder:
+        file = folder / "given.safetensors"
+        file.write_bytes(weights)
+        return run_block(replace(part, job=replace(part.job, controller=str(file))), batch_size=batch_size)
 
 
 _installed_once = functools.cache(installed)

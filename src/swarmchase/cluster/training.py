@@ -8,7 +8,7 @@ whole run.
 """
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from ..training.global_agent import SharedParameters
 from ..training.parameters import FlatNetworks
 from ..training.run import TellStatus, TrainingResult, TrainingRun, next_evaluation, open_run
 from ..training.settings import TrainingSettings
-from .connection import Cluster, at_node, connected, first_line, own_error
+from .connection import Cluster, Tell, at_node, connected, first_line, own_error
 from .global_actor import GlobalAgentActor, GlobalAgentLostError, GlobalNews
 from .local_actor import AgentReport, LocalAgentActor, owned
 
@@ -52,9 +52,6 @@ MOST_DEATHS = 3
 NEVER_RAN = "The actor never ran"
 """Ray's words, and its only sign, for an actor that it dropped before its process began."""
 
-Tell = Callable[[str], None]
-"""Is told in a line what has gone wrong and been got over."""
-
 
 def train_on_cluster(
     scenario: Scenario,
@@ -74,11 +71,12 @@ def train_on_cluster(
             holds no run and it is true.
         WorkerDiedError: an agent raised an error, dies again and again, or nothing has been heard of any for too long.
     """
+    tell = tell or (lambda _line: None)
     with (
-        connected(address, settings.num_agents) as cluster,
+        connected(address, settings.num_agents, tell) as cluster,
         open_run([scenario], settings, "cluster", folder, resume, progress) as run,
     ):
-        _Supervisor(run, cluster, tell or (lambda _line: None)).train()
+        _Supervisor(run, cluster, tell).train()
         return run.result()
 
 

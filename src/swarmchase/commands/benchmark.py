@@ -66,9 +66,7 @@ class BenchmarkTrainingCommand(_BenchmarkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkLiveCommand(ScenarioOptions):
-    """Simulated live chases over a link that fails, faster than real time: success, movements, decision time."""
-
+class _LiveChasesCommand(ScenarioOptions):
     controller: str = "recurrent"
     """As for swarmchase live."""
     chases: int = 100
@@ -80,10 +78,12 @@ class BenchmarkLiveCommand(ScenarioOptions):
     json: bool = False
     """Print one JSON object on standard output."""
 
-    def run(self) -> None:
-        """Measure and report."""
-        from ..benchmarks import live
+    def report_chases(self, name: str) -> None:
+        """Run ``swarmchase.benchmarks.<name>`` and show what it measured.
 
+        Raises:
+            InputError: too few chases, or numbers that cannot be.
+        """
         if self.chases < 2 or self.seed < 0 or self.processes < 1:
             raise InputError("chases must be at least 2, seed at least 0, processes at least 1")
         with progress_bar("live chases", self.chases, "chases/s") as show:
@@ -92,11 +92,68 @@ class BenchmarkLiveCommand(ScenarioOptions):
             def finished(chases: int) -> None:
                 show(chases, f"{chases / (time.monotonic() - began_s):.2f}", "")
 
-            result = live.measure(self.scenario(), self.controller, self.chases, self.seed, self.processes, finished)
+            benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
+            result = benchmark.measure(
+                self.scenario(), self.controller, self.chases, self.seed, self.processes, finished
+            )
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(live.table(result))
+            CONSOLE.print(benchmark.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkLiveCommand(_LiveChasesCommand):
+    """Simulated live chases over a link that fails, faster than real time: success, movements, decision time."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report_chases("live")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkLiarsCommand(_LiveChasesCommand):
+    """Simulated live chases with trackers that lie or fail, faster than real time: success, movements, who is named,
+    separation."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report_chases("liars")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkSeparationCommand:
+    """How near vehicles truly come in situations drawn for it: pilots, dead agents, cut links, wind, wrong places."""
+
+    situations: int = 10_000
+    """How many."""
+    seed: int = 0
+    """Of the first; the others follow."""
+    processes: int = 1
+    """One a core."""
+    checkpoint: Path = Path("separation.jsonl")
+    """A line a situation; what is in it is not flown again."""
+    json: bool = False
+    """Print one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Measure and report.
+
+        Raises:
+            InputError: a number that cannot be, or a checkpoint that cannot be written.
+        """
+        from ..benchmarks import separation
+
+        if self.situations < 1 or self.seed < 0 or self.processes < 1:
+            raise InputError("situations must be at least 1, seed at least 0, processes at least 1")
+        with progress_bar("situations", self.situations, "") as show:
+            result = separation.measure(
+                self.situations, self.seed, self.processes, self.checkpoint, lambda flown: show(flown, "", "")
+            )
+        if self.json:
+            print_json(result)
+        else:
+            CONSOLE.print(separation.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +182,32 @@ class BenchmarkSoakCommand(ScenarioOptions):
             print_json(result)
         else:
             CONSOLE.print(soak.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkNearnessCommand(_BenchmarkCommand):
+    """Over a real radio map: at how many places, near an emitter and far from it, a live chase ends as "reached"."""
+
+    map: Path
+    """A folder with sensors.csv and radio_map.csv."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report("nearness", folder=self.map)
+
+
+class BenchmarkKillsCommand(_BenchmarkCommand):
+    """Live chases, trainings and evaluations killed at random moments: what hangs, stays or cannot be read."""
+
+    kills: int = 100
+    """One after another, about 20 s each."""
+    seed: int = 0
+    """Of what is killed, how and when."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        with progress_bar("kills", self.kills, "") as show:
+            self.report("kills", kills=self.kills, seed=self.seed, finished=lambda number: show(number, "", ""))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ class ChaseCommand(ScenarioOptions):
     """Print the log's summary as one JSON object on standard output."""
 
     def run(self) -> None:
-        """Chase, tell, log and draw."""
+        """Chase, tell, report, log and draw."""
         from ..controllers import load_controller
         from ..evaluation.chase_log import Moment, chase_log, run_chase, save_chase_log
         from ..reports.chase import draw_chase
@@ -52,13 +52,15 @@ class ChaseCommand(ScenarioOptions):
             moments.append(moment)
             CONSOLE.print(_line(asdict(moment)), soft_wrap=True)
         log = chase_log(scenario, controller, self.seed, self.chase, moments)
-        save_chase_log(log_path, log)
-        draw_chase(log, picture_path)
         CONSOLE.print()
         CONSOLE.print(_summary(log))
-        CONSOLE.print(f"Log: {log_path}   Picture: {picture_path}", markup=False, soft_wrap=True)
-        if self.json:
-            print_json({name: value for name, value in log.items() if name != "moments"})
+        try:
+            if self.json:
+                print_json({name: value for name, value in log.items() if name != "moments"})
+        finally:
+            save_chase_log(log_path, log)
+            draw_chase(log, picture_path)
+            CONSOLE.print(f"Log: {log_path}   Picture: {picture_path}", markup=False, soft_wrap=True)
 
 
 def _line(moment: dict[str, Any]) -> str:

@@ -1,16 +1,20 @@
 """``swarmchase compare``: controllers beside one another on the same chases."""
 
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.markdown import Markdown
 
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+
+if TYPE_CHECKING:
+    from ..evaluation.blocks import Job, Unkept
+    from ..evaluation.comparison import Place, Result
 
 DEFAULT_CONTROLLERS = ("recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
 
@@ -43,24 +47,27 @@ class CompareCommand(ClusterOptions):
     """Print a list of summaries, one for each controller in each place, as JSON on standard output."""
 
     def run(self) -> None:
-        """Compare, write, draw and report."""
-        from ..evaluation.comparison import compare, comparison_jobs, places, summaries
+        """Compare, report, write and draw."""
+        from ..evaluation.comparison import comparison_jobs, places, summaries
 
         jobs = comparison_jobs(self.controllers, places(self.told(), self.departures), self.episodes)
-        began_s = time.monotonic()
+        with refusals_held_back() as hold_back:
+            results = self._compared(jobs, hold_back)
+            rows = summaries(results, self._decision_ms())
+            text = _report(rows)
+            CONSOLE.print(Markdown(text))
+            try:
+                if self.json:
+                    print_json(rows)
+            finally:
+                _write(self.folder, results, rows, text)
+
+    def _compared(self, jobs: "Sequence[tuple[Place, Job]]", unkept: "Unkept") -> "list[Result]":
+        from ..evaluation.comparison import compare
+
         total = sum(job.episodes for _, job in jobs)
-        with self.runner() as runner, progress_bar("compare", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, job: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
-
-            results = compare(self.folder, jobs, self.seed, self.processes, finished, runner)
-        rows = summaries(results, self._decision_ms())
-        for picture in _draw(self.folder, results, rows):
-            CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
-        _report(self.folder, rows)
-        if self.json:
-            print_json(rows)
+        with self.runner() as runner, chases_progress("compare", total, BLOCKS_ARE_KEPT) as finished:
+            return compare(self.folder, jobs, self.seed, self.processes, finished, runner, unkept)
 
     def told(self) -> list[Scenario]:
         """What the controllers are told: every pair of F and rho.
@@ -93,7 +100,17 @@ class CompareCommand(ClusterOptions):
         }
 
 
-def _draw(folder: Path, results: list[Any], rows: list[dict[str, Any]]) -> list[Path]:
+def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], text: str) -> None:
+    from ..evaluation.comparison import save_results
+    from ..files import write_text_atomically
+
+    save_results(folder, results)
+    write_text_atomically(folder / "comparison.md", text)
+    for picture in _draw(folder, results, rows):
+        CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
+
+
+def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
     from ..reports.comparison import draw_comparison
 
     movements = {
@@ -108,10 +125,7 @@ def _draw(folder: Path, results: list[Any], rows: list[dict[str, Any]]) -> list[
     return draw_comparison(folder, movements, rows)
 
 
-def _report(folder: Path, rows: list[dict[str, Any]]) -> None:
-    from ..files import write_text_atomically
+def _report(rows: list[dict[str, Any]]) -> str:
     from ..reports.comparison_tables import comparison_tables
 
-    text = "\n\n".join(f"## {name}\n\n{table}" for name, table in comparison_tables(rows).items()) + "\n"
-    write_text_atomically(folder / "comparison.md", text)
-    CONSOLE.print(Markdown(text))
+    return "\n\n".join(f"## {name}\n\n{table}" for name, table in comparison_tables(rows).items()) + "\n"

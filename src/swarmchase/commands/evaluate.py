@@ -1,6 +1,5 @@
 """``swarmchase evaluate``: a controller over many chases."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,12 @@ from ..files import require_writable_file
 from ..reports.intervals import shown_interval
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
-from .terminal import CONSOLE, explain_choice, print_json, progress_bar
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, explain_choice, print_json, refusals_held_back
+
+NOTHING_IS_KEPT = "nothing is kept, since those that end first are the short ones"
 
 if TYPE_CHECKING:
+    from ..evaluation.blocks import Unkept
     from ..evaluation.table import Evaluation
 
 
@@ -42,15 +44,23 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """Print one JSON object on standard output."""
 
     def run(self) -> None:
-        """Evaluate and report."""
+        """Evaluate, report and write."""
         scenario = self.scenario()
         explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)
-        result = self._evaluated_here(scenario) if self.cluster is None else self._evaluated_on_cluster(scenario)
-        if self.table is not None:
-            result.save_parquet(self.table)
-        summary = result.summary()
+        with refusals_held_back() as hold_back:
+            if self.cluster is None:
+                result = self._evaluated_here(scenario)
+            else:
+                result = self._evaluated_on_cluster(scenario, hold_back)
+            try:
+                self._report(result.summary())
+            finally:
+                if self.table is not None:
+                    result.save_parquet(self.table)
+
+    def _report(self, summary: dict[str, Any]) -> None:
         if self.json:
             print_json(summary)
         else:
@@ -59,12 +69,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
         from ..evaluation.table import evaluate
 
-        began_s = time.monotonic()
-        with progress_bar(self.controller, self.episodes, "chases/s") as show:
-
-            def finished(chases: int) -> None:
-                show(chases, f"{chases / (time.monotonic() - began_s):.1f}", "")
-
+        with chases_progress(self.controller, self.episodes, NOTHING_IS_KEPT) as finished:
             return evaluate(
                 scenario,
                 self.controller,
@@ -73,23 +78,21 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
                 self.action_choice,
                 self.batch_size,
                 self.processes,
-                finished,
+                lambda chases: finished(chases, 0, ""),
             )
 
-    def _evaluated_on_cluster(self, scenario: Scenario) -> "Evaluation":
+    def _evaluated_on_cluster(self, scenario: Scenario, unkept: "Unkept") -> "Evaluation":
         from ..controllers.shipped import setting_name
         from ..evaluation.blocks import Job, evaluate_jobs, file_name
 
         setting = setting_name(scenario.sampling_hz, scenario.spatial_correlation)
         name = f"{file_name(self.controller)}-{self.action_choice or 'filed'}-{setting}"
         job = Job(name, self.controller, scenario, scenario, self.episodes, self.action_choice)
-        began_s = time.monotonic()
-        with self.runner(self.batch_size) as runner, progress_bar(self.controller, self.episodes, "chases/s") as show:
-
-            def finished(chases: int, found: int, _job: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", "")
-
-            return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner)[0]
+        with (
+            self.runner(self.batch_size) as runner,
+            chases_progress(self.controller, self.episodes, BLOCKS_ARE_KEPT) as finished,
+        ):
+            return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner, unkept)[0]
 
 
 def summary_table(summaries: list[dict[str, Any]]) -> Table:

@@ -46,7 +46,7 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
         from ..live.service.operator_words import OperatorWords
         from ..live.service.safety import SafetyLimits
         from ..live.session import Assignment
-        from ..live.stop_request import stop_request
+        from ..processes.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
         from ..simulation.live_chase import run_live_chase
         from .serve import ready_controller

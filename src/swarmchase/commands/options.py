@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..files import require_writable_folder
 from ..live.service.settings import OperatorSettings, ServiceSettings
 from ..scenario import Scenario
+from .terminal import warn
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Runner
@@ -87,7 +88,7 @@ class ClusterOptions:
         from ..cluster.connection import connected
         from ..cluster.evaluation import on_cluster
 
-        with connected(self.cluster, local_cpus=os.cpu_count() or 1) as cluster:
+        with connected(self.cluster, os.cpu_count() or 1, warn) as cluster:
             yield on_cluster(cluster, batch_size)
 
 

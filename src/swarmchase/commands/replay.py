@@ -59,7 +59,7 @@ class ReplayCommand:
         from ..live.page.info import page_info
         from ..live.page.server import PageServer
         from ..live.page.token import new_token
-        from ..live.stop_request import stop_request
+        from ..processes.stop_request import stop_request
 
         if not recording.num_frames:
             raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")
@@ -94,7 +94,10 @@ def _tell_contents(recording: "Recording") -> None:
         _tell(f"The log is not whole: {recording.cut}. What comes before is here.")
     if recording.lost_frames or recording.lost_entries:
         frames, entries = recording.lost_frames, recording.lost_entries
-        _tell(f"The recorder has lost {frames} frames and {entries} transitions and decisions.")
+        _tell(f"The recorder has lost {frames} frames and {entries} transitions, decisions and events.")
+    for event in recording.events:
+        if event.severity != "routine":
+            _tell(f"{(event.time_ns - head.began_ns) / 1e9:7.1f} s  {event.text}")
 
 
 def _tell_verification(verification: "Verification") -> None:
@@ -121,6 +124,8 @@ def _words(action: tuple[float, ...]) -> str:
 
 
 def _contents(recording: "Recording", verification: "Verification | None") -> dict[str, Any]:
+    from ..live.log.entries import event_form
+
     head = recording.head
     contents: dict[str, Any] = {
         "file": str(recording.path),
@@ -138,6 +143,7 @@ def _contents(recording: "Recording", verification: "Verification | None") -> di
         "seconds": round(recording.seconds, 3),
         "transitions": len(recording.transitions),
         "decisions": len(recording.decisions),
+        "events": [event_form(event) for event in recording.events],
         "frames": recording.num_frames,
         "lost_frames": recording.lost_frames,
         "lost_entries": recording.lost_entries,

@@ -1,15 +1,18 @@
 """``swarmchase reproduce``: the paper's twelve settings and its Figures 3 to 7."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+
+if TYPE_CHECKING:
+    from ..evaluation.blocks import Unkept
+    from ..evaluation.table import Evaluation
 
 QUICK_EPISODES = 100
 
@@ -32,32 +35,43 @@ class ReproduceCommand(ClusterOptions):
     """Print the summaries as one JSON object on standard output."""
 
     def run(self) -> None:
-        """Evaluate, write, draw and report."""
+        """Evaluate, report, write and draw."""
         from ..evaluation.paper_results import EPISODES
-        from ..evaluation.reproduction import cells, reproduce
 
         if self.quick and self.episodes is not None:
             raise InputError(f"--quick is {QUICK_EPISODES} episodes: give one of --quick and --episodes")
         episodes = QUICK_EPISODES if self.quick else EPISODES if self.episodes is None else self.episodes
         folder = self.folder or Path("reproduction-quick" if self.quick else "reproduction")
-        began_s = time.monotonic()
+        with refusals_held_back() as hold_back:
+            evaluations = self._evaluations(folder, episodes, hold_back)
+            summaries = [one.summary() for one in evaluations]
+            text = _report(summaries)
+            CONSOLE.print(Markdown(text))
+            try:
+                if self.json:
+                    print_json({"folder": str(folder), "summaries": summaries})
+            finally:
+                _write(folder, evaluations, summaries, text)
+
+    def _evaluations(self, folder: Path, episodes: int, unkept: "Unkept") -> "list[Evaluation]":
+        from ..evaluation.reproduction import cells, reproduce
+
         total = sum(cell.episodes(episodes) for cell in cells())
-        with self.runner() as runner, progress_bar("reproduce", total, "chases/s") as show:
-
-            def finished(chases: int, found: int, cell: str) -> None:
-                show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", cell)
-
-            evaluations = reproduce(folder, episodes, self.seed, self.processes, finished, runner)
-        summaries = [one.summary() for one in evaluations]
-        pictures = _draw(folder, evaluations, summaries)
-        _report(folder, summaries)
-        for picture in pictures:
-            CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
-        if self.json:
-            print_json({"folder": str(folder), "summaries": summaries})
+        with self.runner() as runner, chases_progress("reproduce", total, BLOCKS_ARE_KEPT) as finished:
+            return reproduce(folder, episodes, self.seed, self.processes, finished, runner, unkept)
 
 
-def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]]) -> list[Path]:
+def _write(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]], text: str) -> None:
+    from ..evaluation.reproduction import save_evaluations
+    from ..files import write_text_atomically
+
+    save_evaluations(folder, evaluations)
+    write_text_atomically(folder / "results.md", text)
+    for picture in _draw(folder, evaluations, summaries):
+        CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
+
+
+def _draw(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> list[Path]:
     from ..evaluation.reproduction import FADING_FILE, training_log
     from ..evaluation.tables import read_rows
     from ..reports.paper import draw_all
@@ -72,10 +86,7 @@ def _draw(folder: Path, evaluations: list[Any], summaries: list[dict[str, Any]])
     return draw_all(folder, fading, training_log(), movements, summaries)
 
 
-def _report(folder: Path, summaries: list[dict[str, Any]]) -> None:
-    from ..files import write_text_atomically
+def _report(summaries: list[dict[str, Any]]) -> str:
     from ..reports.paper_tables import report_tables
 
-    text = "\n\n".join(report_tables(summaries).values()) + "\n"
-    write_text_atomically(folder / "results.md", text)
-    CONSOLE.print(Markdown(text))
+    return "\n\n".join(report_tables(summaries).values()) + "\n"

@@ -47,10 +47,11 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         from ..live.address import host_and_port
         from ..live.audience import AudienceOptions
         from ..live.link.mavlink import ControllerMavlinkLink
+        from ..live.link.state_file import CONTROLLER_FILE
         from ..live.service.operator_words import OperatorWords
         from ..live.service.state_folder import next_epoch
         from ..live.session import Assignment, Session
-        from ..live.stop_request import stop_request
+        from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
@@ -60,7 +61,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         folder = self.folder()
         with line_printer() as tell, stop_request() as request:
             # The state file keeps a second service of this folder out; so nobody else takes the same epoch.
-            state_path = folder / "controller.timestamps"
+            state_path = folder / CONTROLLER_FILE
             link = ControllerMavlinkLink(host, port, keys, state_path=state_path, unsigned=self.unsigned)
             with contextlib.closing(link):
                 epoch = next_epoch(folder / "controller.epoch")

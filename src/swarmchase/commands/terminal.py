@@ -6,17 +6,47 @@ import os
 import queue
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TextIO, cast
 
 from rich.console import Console
 
 from ..errors import InputError
+from ..processes.stop_request import Interrupted, stop_request
 from ..scenario import Scenario
 
 STANDARD_ERROR = 2
 LAST_LINES_S = 1.0
-CONSOLE = Console(stderr=True, highlight=False)
+BLOCKS_ARE_KEPT = "finished blocks are kept, and the same command goes on behind them"
+
+
+def discard(stream: TextIO) -> None:
+    """What is written from now on, and what is still to be flushed at the end, goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _StandardError:
+    """Where it cannot be written any more, since the terminal has gone, the work still goes on to its end."""
+
+    def write(self, text: str) -> int:
+        try:
+            return sys.stderr.write(text)
+        except OSError:
+            discard(sys.stderr)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            sys.stderr.flush()
+        except OSError:
+            discard(sys.stderr)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
+
+
+CONSOLE = Console(file=cast(TextIO, _StandardError()), highlight=False)
 
 
 def print_json(document: Any) -> None:
@@ -30,6 +60,25 @@ def print_json(document: Any) -> None:
         sys.stdout.flush()
     except OSError as error:
         raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
+
+
+def warn(line: str) -> None:
+    """Tell people what they should know, and go on."""
+    CONSOLE.print(line, style="yellow", markup=False, soft_wrap=True)
+
+
+@contextlib.contextmanager
+def refusals_held_back() -> Iterator[Callable[[InputError], None]]:
+    """Gives a function that takes why something could not be written: what is found out is not to be lost with it. The
+    first is raised when the block has ended.
+
+    Raises:
+        InputError: what was held back.
+    """
+    held: list[InputError] = []
+    yield held.append
+    if held:
+        raise held[0]
 
 
 @contextlib.contextmanager
@@ -111,3 +160,24 @@ def progress_bar(task: str, total: int, unit: str) -> Iterator[Callable[[int, st
     finally:
         if bar.live.is_started:
             bar.stop()
+
+
+@contextlib.contextmanager
+def chases_progress(task: str, total: int, kept: str) -> Iterator[Callable[[int, int, str], None]]:
+    """The bar of an evaluation. Gives what ``evaluation.blocks.Finished`` is.
+
+    Args:
+        kept: what is left of the chases that have ended when a signal stops the rest.
+
+    Raises:
+        Interrupted: out of the function that it gives, after a signal.
+    """
+    began_s = time.monotonic()
+    with stop_request() as request, progress_bar(task, total, "chases/s") as show:
+
+        def finished(chases: int, found: int, job: str) -> None:
+            show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
+            if request.made:
+                raise Interrupted(request.number, f"after {chases} of {total} chases: {kept}")
+
+        yield finished

@@ -21,9 +21,9 @@ from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:
     from ..live.link.mavlink import TrackerMavlinkLink
-    from ..live.stop_request import StopRequest
     from ..live.tracker.agent import AgentSettings
     from ..live.tracker.loop import TrackerSummary
+    from ..processes.stop_request import StopRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,12 +80,13 @@ class TrackerCommand(LinkOptions):
         """Be the tracker, and say what it did."""
         from ..live.address import host_and_port
         from ..live.link.mavlink import TrackerMavlinkLink
-        from ..live.stop_request import stop_request
+        from ..live.link.state_file import tracker_file
         from ..live.tracker.agent import AgentSettings
+        from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.controller)
         settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()
-        state_path = self.folder() / f"tracker-{self.number}.timestamps"
+        state_path = self.folder() / tracker_file(self.number)
         with line_printer() as tell, stop_request() as request:
             link = TrackerMavlinkLink(self.number, host, port, key, state_path=state_path, unsigned=self.unsigned)
             try:

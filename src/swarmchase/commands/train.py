@@ -10,7 +10,7 @@ from typing import Any, Literal
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .terminal import CONSOLE, print_json, progress_bar, warn
 
 Schedule = Literal["processes", "deterministic"]
 Precision = Literal["float32", "bfloat16"]
@@ -77,9 +77,12 @@ class _TrainOptions:
                 f"Best, in {result.weights}: 90th percentile {result.best.movements_p90:g}, "
                 f"mean {result.best.movements_mean:.1f} movements after {result.best.update} updates"
             )
-            self._draw()
-        if self.json:
-            print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
+        try:
+            if self.json:
+                print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
+        finally:
+            if result.best is not None:
+                self._draw()
 
     def _draw(self) -> None:
         """The learning curves, from the run's log."""
@@ -128,9 +131,7 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
             else:
                 from ..cluster.training import train_on_cluster
 
-                result = train_on_cluster(
-                    scenario, settings, self.folder, self.cluster, self.resume, progress, _say_fault
-                )
+                result = train_on_cluster(scenario, settings, self.folder, self.cluster, self.resume, progress, warn)
         self.report(result)
         if self.cluster is not None:
             self.draw_staleness()
@@ -206,10 +207,6 @@ def _progress(max_updates: int) -> "Iterator[Callable[[Any], None]]":
             show(status.updates, _rate(status.environment_steps, status.seconds), _news(status))
 
         yield progress
-
-
-def _say_fault(what: str) -> None:
-    CONSOLE.print(what, style="yellow", markup=False, soft_wrap=True)
 
 
 def _rate(environment_steps: int, seconds: float) -> str:

@@ -10,7 +10,8 @@ from ..errors import InputError
 from ..networks.fading import CorrectedPower
 from ..networks.forms import FORMS
 from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
-from ..networks.weights import checked_weights, shared_weights
+from ..networks.weights import checked_weights, read_weights, shared_weights
+from ..ranges import shown
 from ..scenario import Scenario
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
@@ -67,10 +68,7 @@ def weights_sha256(name_or_path: str | Path, scenario: Scenario) -> str | None:
         InputError: the file cannot be read.
     """
     path = weights_path(name_or_path, scenario)
-    try:
-        return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot read the weights {path}: {error.strerror or error}") from error
+    return None if path is None else hashlib.sha256(read_weights(path)).hexdigest()
 
 
 def load_controller(
@@ -139,7 +137,7 @@ def _filed_action_choice(path: Path, configuration: dict[str, Any]) -> ActionCho
     filed_choice: ActionChoice = configuration.get("action_choice", "sampled")
     if filed_choice not in get_args(ActionChoice):
         allowed = " or ".join(map(repr, get_args(ActionChoice)))
-        raise InputError(f"weights file {path} says action_choice = {filed_choice!r}; allowed is {allowed}")
+        raise InputError(f"weights file {path} says action_choice = {shown(filed_choice)}; allowed is {allowed}")
     return filed_choice
 
 

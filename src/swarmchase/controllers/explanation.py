@@ -19,7 +19,7 @@ class Explanation:
 
     choice_share: Float[Tensor, "4 choice"] | None
     """How much speaks for each choice of spacing, x, y and z, in this order; each row adds up to 1. A policy's
-    probabilities, or the share of a belief for which the choice is the best."""
+    probabilities, or what the choice is expected to save of the way: ``share_of_savings``."""
     target_m: Float[Tensor, "point 3"] | None
     """Where the target is believed to be: points of equal weight in the chase's own frame."""
 
@@ -32,21 +32,27 @@ class Explaining(Protocol):
         """The decision in the first chase of the batch, from the memory that ``decide`` returned with it."""
 
 
-def share_of_points(
-    scenario: Scenario, target_m: Float[Tensor, "point 3"], center_m: Float[Tensor, "3"]
+def share_of_savings(
+    scenario: Scenario, left_m: Float[Tensor, "3 point"], weight: Float[Tensor, "point"]
 ) -> Float[Tensor, "4 choice"]:
-    """For which share of these points each choice is the best: the displacement that leaves least on its axis, the
-    spacing next to the distance.
+    """What each choice saves against the worst one, as a share of what all save: of a displacement, the expected
+    distance that is left on its axis; of a spacing, how far it is from the expected distance. Who takes the choice with
+    the least of it takes the one with the largest share.
+
+    Args:
+        left_m: from the centre to where the target may be.
+        weight: of these points; they add up to 1.
     """
-    left_m = target_m.double() - center_m.double()
-    rows = [
-        _share_of_nearest(scenario.spacing_choices_m, left_m.square().sum(dim=1).sqrt()),
-        *(_share_of_nearest(scenario.displacement_choices_m, left_m[:, axis]) for axis in range(3)),
-    ]
-    return torch.stack(rows)
+    displacement_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
+    spacing_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64)
+    left_m, weight = left_m.double(), weight.double()
+    distance_m = (left_m.square().sum(dim=0).sqrt() * weight).sum()
+    expected_m = ((left_m[:, None] - displacement_m[:, None]).abs() * weight).sum(dim=2)
+    rows_m = [(spacing_m - distance_m).abs(), *expected_m]
+    return torch.stack([_share_of_saved(row_m) for row_m in rows_m])
 
 
-def _share_of_nearest(choices_m: tuple[float, ...], wanted_m: Float[Tensor, "point"]) -> Float[Tensor, "choice"]:
-    choice_m = torch.tensor(choices_m, dtype=torch.float64)
-    nearest = (wanted_m[:, None] - choice_m).abs().argmin(dim=1)
-    return torch.bincount(nearest, minlength=len(choice_m)).double() / len(wanted_m)
+def _share_of_saved(lost_m: Float[Tensor, "choice"]) -> Float[Tensor, "choice"]:
+    saved_m = lost_m.max() - lost_m
+    total_m = saved_m.sum()
+    return saved_m / total_m if total_m > 0 else torch.full_like(saved_m, 1 / len(saved_m))

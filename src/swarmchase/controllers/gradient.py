@@ -17,7 +17,7 @@ import torch
 from ..batch.array_types import Float, Int, Tensor
 from ..channel.propagation import slope_db
 from ..formation import Action, nearest_choice
-from ..observation import Observation, mean_position_m, mean_power_dbm
+from ..observation import Observation, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from .condition import Condition
 
@@ -56,6 +56,7 @@ class GradientController:
 
     def decide(self, observation: Observation, memory: GradientMemory) -> tuple[Action, GradientMemory]:
         """Average the gradient and step along it."""
+        observation = checked_observation(observation, self._scenario)
         power_dbm = mean_power_dbm(observation.rssi_dbm).double()
         position_m = mean_position_m(observation)
         axis = torch.arange(3)

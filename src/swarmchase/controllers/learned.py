@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..formation import Action, action_from_choice
 from ..networks.actor_critic import NETWORK_NAMES, NUM_CHOICES, greedy_choice, sampled_choice
 from ..networks.protocol import DecidingNetworks
-from ..observation import Observation, mean_position_m
+from ..observation import Observation, checked_observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
 from .explanation import Explanation
@@ -87,6 +87,7 @@ class LearnedController:
         Raises:
             InputError: a window of the wrong size.
         """
+        observation = checked_observation(observation, self._scenario)
         logits, following = self._through(observation, memory.network_memory)
         if self._action_choice == "greedy":
             choice = greedy_choice(logits)

@@ -22,7 +22,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..channel.fading_law import fading_law
 from ..channel.propagation import reference_dbm, slope_db
 from ..formation import Action, nearest_choice
-from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
+from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
 from .explanation import Explanation
@@ -81,6 +81,7 @@ class MultilaterationController:
 
     def decide(self, observation: Observation, memory: MultilaterationMemory) -> tuple[Action, MultilaterationMemory]:
         """Fit, and take the displacement that comes nearest to the fitted position."""
+        observation = checked_observation(observation, self._scenario)
         power_dbm = mean_power_dbm(observation.rssi_dbm).double()
         deaf = ~power_dbm.isfinite().any(dim=1)
         memory = replace(

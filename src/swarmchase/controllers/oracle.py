@@ -12,7 +12,7 @@ import torch
 
 from ..batch.array_types import Float, Int, Tensor
 from ..formation import Action, nearest_choice
-from ..observation import Observation, center_m
+from ..observation import Observation, center_m, checked_observation
 from ..scenario import Scenario
 from .condition import Condition
 
@@ -46,6 +46,7 @@ class OracleController:
 
     def decide(self, observation: Observation, memory: OracleMemory) -> tuple[Action, OracleMemory]:
         """On each axis the displacement that leaves the least distance, none where it is untold; the widest spacing."""
+        observation = checked_observation(observation, self._scenario)
         untold = memory.target_position_m.isnan().any(dim=1)
         left_m = torch.where(untold[:, None], 0.0, memory.target_position_m - center_m(observation))
         widest_m = torch.full((len(left_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)

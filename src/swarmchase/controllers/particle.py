@@ -28,10 +28,10 @@ from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.fading_law import WindowPower, fading_law
 from ..channel.propagation import loss_beyond_reference_db, reference_dbm
 from ..formation import Action, nearest_choice
-from ..observation import Observation, center_m, mean_position_m, mean_power_dbm
+from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from .condition import Condition
-from .explanation import MOST_POINTS, Explanation, share_of_points
+from .explanation import MOST_POINTS, Explanation, share_of_savings
 
 NUM_PARTICLES = 1000
 NUM_PARTICLES_UNKNOWN_POWER = 2000
@@ -112,6 +112,7 @@ class ParticleController:
 
     def decide(self, observation: Observation, memory: ParticleMemory) -> tuple[Action, ParticleMemory]:
         """Weigh the particles by the window, act on the belief, then resample where few of them are left."""
+        observation = checked_observation(observation, self._scenario)
         power_dbm = self._window_power(observation.rssi_dbm)
         heard = power_dbm.isfinite()
         log_likelihood = self._log_likelihood(memory, power_dbm, mean_position_m(observation), heard)
@@ -133,7 +134,8 @@ class ParticleController:
         at = (torch.arange(MOST_POINTS) + 0.5) / MOST_POINTS * cumulative[-1]
         chosen = torch.searchsorted(cumulative, at).clamp_(max=self._num_particles - 1)
         target_m = memory.position_m[0][:, chosen].T.contiguous()
-        return Explanation(share_of_points(self._scenario, target_m, center_m(observation)[0]), target_m)
+        left_m = memory.position_m[0] - center_m(observation)[0].float()[:, None]
+        return Explanation(share_of_savings(self._scenario, left_m, memory.log_weight[0].exp()), target_m)
 
     def _log_likelihood(
         self,

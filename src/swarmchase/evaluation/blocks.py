@@ -17,11 +17,13 @@ from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult
 from .table import Evaluation, evaluate
-from .tables import Document, Row, read_table, write_table
+from .tables import Document, Row, checked_row, read_table, write_table
 
 BLOCK_CHASES = 2_500
 """Chases between two saves."""
 
+Unkept = Callable[[InputError], None]
+"""Is told why a block could not be kept; the work goes on without."""
 Finished = Callable[[int, int, str], None]
 """Is told the chases that have ended in all, how many of them an earlier run had left, and the job at work."""
 
@@ -98,7 +100,13 @@ class Block:
         ]
 
     def _own_chases(self, rows: list[Row], origin: Document) -> list[ChaseResult] | None:
-        return [ChaseResult(**row) for row in rows] if origin == self.origin else None
+        """None where they are another block's."""
+        if origin != self.origin:
+            return None
+        chases = [checked_row(ChaseResult, row) for row in rows]
+        if [chase.chase for chase in chases] != list(range(self.first_chase, self.first_chase + self.episodes)):
+            raise ValueError("it does not hold the chases that it says")
+        return chases
 
 
 Running = Callable[[int, int, str], None]
@@ -148,13 +156,15 @@ def evaluate_jobs(
     processes: int,
     finished: Finished | None = None,
     runner: Runner | None = None,
+    unkept: Unkept | None = None,
 ) -> list[Evaluation]:
     """Chases 0, 1, ... of the seed for every job, in their order; those of finished blocks are read from ``folder``.
 
     They run in processes of this machine, or by ``runner`` where that is given.
 
     Raises:
-        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work.
+        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work. Or
+            the disk gets full and there is no ``unkept`` to tell.
         WorkerDiedError: a process was killed.
     """
     for job in jobs:
@@ -171,8 +181,13 @@ def evaluate_jobs(
         if kept is not None:
             count.block_ended(block, found=True)
     for block, result in (runner or in_processes(processes))(list(missing), count.running):
-        block.save(result, missing[block])
         chases[block] = result
+        try:
+            block.save(result, missing[block])
+        except InputError as error:
+            if unkept is None:
+                raise
+            unkept(error)
         count.block_ended(block, found=False)
     return [
         Evaluation(

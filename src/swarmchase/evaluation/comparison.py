@@ -20,12 +20,12 @@ from ..controllers.shipped import setting_name
 from ..errors import InputError
 from ..scenario import Scenario
 from ..world.departures import DEPARTURES, departed
-from .blocks import Finished, Job, Runner, evaluate_jobs, file_name
+from .blocks import Finished, Job, Runner, Unkept, evaluate_jobs, file_name
 from .chases import ChaseResult
 from .play import play
 from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
 from .table import Evaluation
-from .tables import Document, Row, read_table, write_table
+from .tables import Document, Row, checked_row, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -100,8 +100,10 @@ def compare(
     processes: int,
     finished: Finished | None = None,
     runner: Runner | None = None,
+    unkept: Unkept | None = None,
 ) -> list[Result]:
-    """Run all chases, those of an earlier run excepted; the table lies in ``folder`` afterwards.
+    """Run all chases, those of an earlier run excepted: their blocks lie in ``folder``, and ``save_results`` makes a
+    table.
 
     They run in processes of this machine, or by ``runner`` where that is given.
 
@@ -109,10 +111,17 @@ def compare(
         InputError: no episodes, a folder that cannot be written, or a controller that is refused.
         WorkerDiedError: a process was killed.
     """
-    evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner)
-    results = [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
+    evaluations = evaluate_jobs(folder, [job for _, job in jobs], seed, processes, finished, runner, unkept)
+    return [Result(place, evaluation) for (place, _), evaluation in zip(jobs, evaluations, strict=True)]
+
+
+def save_results(folder: Path, results: Sequence[Result]) -> None:
+    """Write the table, one row a chase.
+
+    Raises:
+        InputError: it cannot be written.
+    """
     write_table(folder / TABLE_FILE, _comparison_table(results), _comparison_document(results))
-    return results
 
 
 def _told(controller: str, place: Place) -> Scenario:
@@ -237,7 +246,8 @@ def _parsed_results(rows: list[Row], document: Document) -> list[Result]:
     for row in rows:
         number = row.pop("result")
         seed = origins[number]["seed"]
-        chases[number].append(ChaseResult(seed=seed, target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row))
+        where = {"seed": seed, "target_x_m": nowhere, "target_y_m": nowhere, "target_z_m": nowhere}
+        chases[number].append(checked_row(ChaseResult, where | row))
     return [_read_result(origin, its) for origin, its in zip(origins, chases, strict=True)]
 
 

@@ -19,11 +19,11 @@ from ..controllers import weights_sha256
 from ..controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
 from ..errors import InputError
 from ..scenario import Scenario, paper_scenario
-from .blocks import Finished, Job, Runner, evaluate_jobs
+from .blocks import Finished, Job, Runner, Unkept, evaluate_jobs
 from .chases import ChaseResult
 from .paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 from .table import Evaluation
-from .tables import Document, Row, read_document, read_rows, read_table, write_table
+from .tables import Document, Row, checked_row, read_document, read_rows, read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -78,8 +78,9 @@ def reproduce(
     processes: int,
     finished: Finished | None = None,
     runner: Runner | None = None,
+    unkept: Unkept | None = None,
 ) -> list[Evaluation]:
-    """Evaluate every cell; the table and the fading examples lie in ``folder`` afterwards.
+    """Evaluate every cell: its blocks lie in ``folder``, and ``save_evaluations`` makes a table.
 
     The chases run in processes of this machine, or by ``runner`` where that is given.
 
@@ -89,10 +90,18 @@ def reproduce(
     """
     _require_same_command(folder / TABLE_FILE, _command(episodes, seed))
     jobs = [Job(cell.name, cell.controller, cell.scenario, cell.scenario, cell.episodes(episodes)) for cell in cells()]
-    evaluations = evaluate_jobs(folder, jobs, seed, processes, finished, runner)
+    return evaluate_jobs(folder, jobs, seed, processes, finished, runner, unkept)
+
+
+def save_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
+    """Write the table, one row a chase, and the fading examples.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    seed = evaluations[0].seed
     write_table(folder / TABLE_FILE, _movement_table(evaluations), _movement_document(evaluations))
     write_table(folder / FADING_FILE, fading_table(seed), _fading_document(seed))
-    return evaluations
 
 
 def _command(episodes: int, seed: int) -> str:
@@ -158,8 +167,8 @@ def _parsed_evaluations(rows: list[Row], _document: Document) -> list[Evaluation
     nowhere = float("nan")
     for row in rows:
         key = (row.pop("controller"), row.pop("sampling_hz"), row.pop("spatial_correlation"))
-        chase = ChaseResult(target_x_m=nowhere, target_y_m=nowhere, target_z_m=nowhere, **row)
-        by_cell.setdefault(key, []).append(chase)
+        where = {"target_x_m": nowhere, "target_y_m": nowhere, "target_z_m": nowhere}
+        by_cell.setdefault(key, []).append(checked_row(ChaseResult, where | row))
     return [Evaluation(Cell(*key).scenario, key[0], None, chases[0].seed, chases) for key, chases in by_cell.items()]
 
 

@@ -4,11 +4,9 @@ The chases are shared out to processes; a chase is a function of its key alone, 
 size and any number of processes.
 """
 
-import contextlib
 import dataclasses
 import math
 import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -23,6 +21,8 @@ from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import ActionChoice, chosen_weights, load_controller, require_controller
 from ..errors import InputError, WorkerDiedError
+from ..processes.children import begin_child, starting_children
+from ..processes.stop_request import Interrupted
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
@@ -33,6 +33,8 @@ SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
 SHARE_CHASES = 500
 """A further process is started for every so many chases: for fewer it would cost more time than it saves."""
+LOOK_S = 0.2
+"""At least so often ``finished`` is told the number, where processes do the work."""
 
 
 def tracking_time_s(
@@ -135,11 +137,12 @@ def evaluate(
     The controller is told ``scenario``; the chases are in ``world`` where that is given.
 
     ``finished`` is told the number of chases that have ended: 0 when all is checked and work begins, then each time
-    some end.
+    some end, and now and then while none does. What it raises ends the evaluation.
 
     Raises:
         InputError: no episodes, no batch, an unknown controller or a broken weights file.
         WorkerDiedError: a process was killed, or failed with the error it printed.
+        Interrupted: a process was told to stop by a signal.
     """
     for name, value in (("episodes", episodes), ("batch_size", batch_size), ("processes", processes)):
         checked_number(name, value, AT_LEAST_ONE)
@@ -152,7 +155,7 @@ def evaluate(
     report(0)
     chosen = range(first_chase, first_chase + episodes)
     for result in _run(work, chosen, min(processes, math.ceil(episodes / SHARE_CHASES))):
-        chases.append(result)
+        chases += [] if result is None else [result]
         report(len(chases))
     in_order = sorted(chases, key=lambda chase: chase.chase)
     return Evaluation(scenario, controller, action_choice, seed, in_order, world)
@@ -174,15 +177,15 @@ class _Work:
         return run_chases(self.world, controller, self.seed, chases, self.batch_size)
 
 
-def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult]:
-    """The results of all chases, in whatever order they end."""
+def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult | None]:
+    """The results of all chases, in whatever order they end; None where none has ended for a while."""
     if processes == 1:
         yield from work.run(chases)
         return
     context = multiprocessing.get_context("spawn")
     running: dict[connection.Connection, multiprocessing.process.BaseProcess] = {}
     try:
-        with _interrupts_blocked():
+        with starting_children():
             for number in range(processes):
                 share = chases[number * len(chases) // processes : (number + 1) * len(chases) // processes]
                 receiver, sender = context.Pipe(duplex=False)
@@ -193,15 +196,20 @@ def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult]:
         yield from _received(dict(running))
     finally:
         for one in running.values():
-            one.terminate()
+            one.kill()  # it leaves other signals to this process
         for one in running.values():
             one.join()
 
 
-def _received(running: "dict[connection.Connection, multiprocessing.process.BaseProcess]") -> Iterator[ChaseResult]:
-    """What the processes send until each has ended well; a process that dies closes its pipe."""
+def _received(
+    running: "dict[connection.Connection, multiprocessing.process.BaseProcess]",
+) -> Iterator[ChaseResult | None]:
+    """What the processes send until each has ended well, and None now and then; a process that dies closes its pipe."""
     while running:
-        for receiver in connection.wait(list(running)):
+        ready = connection.wait(list(running), LOOK_S)
+        if not ready:
+            yield None
+        for receiver in ready:
             assert isinstance(receiver, connection.Connection)
             try:
                 message = receiver.recv()
@@ -214,31 +222,19 @@ def _received(running: "dict[connection.Connection, multiprocessing.process.Base
                         "signal that killed it; 9 is what a machine out of memory sends)"
                     ) from None
                 continue
-            if isinstance(message, InputError):
+            if isinstance(message, InputError | Interrupted):
                 raise message
             yield message
 
 
 def _run_share(work: _Work, chases: range, sender: connection.Connection) -> None:
     """The whole life of a process: send every result, or why its input was refused."""
+    request = begin_child()
     torch.set_num_threads(1)
     keep_freed_memory()
     with sender:
         try:
             for result in work.run(chases):
-                sender.send(result)
+                sender.send(Interrupted(request.number) if request.made else result)
         except InputError as error:
             sender.send(error)
-
-
-@contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Processes started here never see Ctrl-C: it is for the one that started them, which then ends them."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .address import host_and_port
+from .alarms import Alarm, Alarms
 from .chronicle import Chronicle, FrameTaker
+from .events import Event, Events, EventTaker
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Metres
+from .link.news import LinkNews
 from .log.entries import LogHead
+from .service.chase_state import Decision, Transition
 from .service.loop import Journal, Tell, Watcher, Words
-from .service.tracker_news import TrackerNews
+from .service.service import Recorder
+
+EntryTaker = Callable[[Transition | Decision | Event], None]
+"""Of a log."""
 
 
 @dataclass(frozen=True)
@@ -46,22 +53,28 @@ class Audience:
         self.words: list[Words] = []
         """Where people at the page speak."""
         self._closers: list[Callable[[], None]] = []
-        self._alarms: list[Callable[[], list[str]]] = []
+        self._alarms: list[Callable[[], list[Alarm]]] = []
         self._page: _Page | None = None
         takers: list[FrameTaker] = []
-        self.journal = Journal(tell)
-        """The service's recorder."""
+        event_takers: list[EventTaker] = [lambda event: tell(_line(event, head.began_ns))]
+        recorders: list[Recorder] = []
         try:
             # In this order: where the page cannot be had, no log is begun.
             if options.page is not None:
                 takers.append(self._open_page(options.page, head, tell))
             if options.log is not None:
-                takers.append(self._open_log(options.log, head, tell))
+                take_frame, take_entry = self._open_log(options.log, head, tell)
+                takers.append(take_frame)
+                event_takers.append(take_entry)
+                recorders.append(take_entry)
         except Exception:
             self.close()
             raise
-        chronicle = Chronicle(link, head.began_ns, takers, self._all_alarms, target_m)
-        self.watchers: list[Watcher] = [TrackerNews(tell), *([chronicle] if takers else [])]
+        events = Events(Alarms(link, self._all_alarms), event_takers, LinkNews(link).lines)
+        self.journal = Journal([*recorders, events.record])
+        """The service's recorder."""
+        chronicle = Chronicle(link, head.began_ns, takers, events, target_m)
+        self.watchers: list[Watcher] = [events, *([chronicle] if takers else [])]
         """Want to see the service after every step."""
 
     def show_recording(self) -> None:
@@ -74,15 +87,14 @@ class Audience:
         while self._closers:
             self._closers.pop()()
 
-    def _open_log(self, path: Path, head: LogHead, tell: Tell) -> FrameTaker:
+    def _open_log(self, path: Path, head: LogHead, tell: Tell) -> tuple[FrameTaker, EntryTaker]:
         from .log.recorder import ChaseRecorder
 
         recorder = ChaseRecorder(path, head)
         self._closers.append(recorder.close)
         self._alarms.append(lambda: recorder.alarms)
-        self.journal = Journal(tell, recorder.record)
         tell(f"The log is {path}.")
-        return recorder.record_frame
+        return recorder.record_frame, recorder.record
 
     def _open_page(self, address: str, head: LogHead, tell: Tell) -> FrameTaker:
         self._page = _Page(address, head)
@@ -91,8 +103,13 @@ class Audience:
         tell(f"The page is at {self._page.url}")
         return self._page.feed.publish
 
-    def _all_alarms(self) -> list[str]:
+    def _all_alarms(self) -> list[Alarm]:
         return [alarm for alarms in self._alarms for alarm in alarms()]
+
+
+def _line(event: Event, began_ns: int) -> str:
+    """As a terminal shows it."""
+    return f"{(event.time_ns - began_ns) / 1e9:7.1f} s  {event.text}"
 
 
 class _Page:

@@ -3,10 +3,11 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from .events import Events
 from .frame import Frame, frame_of
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Metres
-from .service.chase_state import Snapshot
+from .service.chase_state import ENDED, Snapshot
 from .ticker import next_moment_ns
 
 FRAMES_HZ = 10.0
@@ -22,7 +23,7 @@ class Chronicle:
 
     Args:
         takers: are given every frame.
-        alarms: what the operator should know besides, asked for each frame.
+        events: has been told the same snapshots before.
         target_m: where the target is, if somebody knows: a simulation does.
     """
 
@@ -31,11 +32,12 @@ class Chronicle:
         link: ControllerMavlinkLink,
         began_ns: int,
         takers: Sequence[FrameTaker],
-        alarms: Callable[[], Sequence[str]],
+        events: Events,
         target_m: Callable[[], Metres | None] = lambda: None,
     ) -> None:
         self._link, self._began_ns, self._takers = link, began_ns, takers
-        self._alarms, self._target_m = alarms, target_m
+        self._events, self._target_m = events, target_m
+        self._ended_ns: int | None = None
         self._path_m: deque[Metres] = deque(maxlen=LONGEST_PATH + 1)
         self._movements = -1
         self._shown_ns = began_ns
@@ -48,6 +50,7 @@ class Chronicle:
         if snapshot.center_m is not None and snapshot.movements > self._movements:
             self._movements = snapshot.movements
             self._path_m.append(snapshot.center_m)
+        self._note_end(snapshot)
         if not self._is_due(snapshot):
             return
         self._shown = snapshot
@@ -58,11 +61,19 @@ class Chronicle:
             self._link.loss_share(),
             self._link.rejected,
             self._latency_s,
-            [*self._alarms(), *_recorder_alarms(snapshot)],
+            self._events,
+            self._ended_ns,
             self._target_m(),
         )
         for take in self._takers:
             take(frame)
+
+    def _note_end(self, snapshot: Snapshot) -> None:
+        has_ended = snapshot.state in ENDED
+        if not has_ended:
+            self._ended_ns = None
+        elif self._ended_ns is None:
+            self._ended_ns = snapshot.time_ns
 
     def _is_due(self, snapshot: Snapshot) -> bool:
         next_ns = next_moment_ns(self._shown_ns, round(1e9 / FRAMES_HZ), snapshot.time_ns)
@@ -71,9 +82,3 @@ class Chronicle:
             return False
         self._shown_ns = min(next_ns, snapshot.time_ns)
         return True
-
-
-def _recorder_alarms(snapshot: Snapshot) -> list[str]:
-    """Of a recorder that raises: one that only fails to write tells of it by itself."""
-    number = snapshot.recorder_failures
-    return [f"{number} entries could not be recorded"] if number else []

@@ -8,10 +8,52 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TypedDict
 
+import numpy as np
+
 from ..controllers.explanation import Explanation
+from .alarms import Alarm, condition_of, severity_of
+from .estimate import EstimateFrame, estimate_of
+from .events import Event, Events
 from .link.messages import Metres
-from .service.chase_state import Decision, Snapshot, TrackerSnapshot
+from .service.chase_state import Decision, PreflightCheck, Snapshot, TrackerSnapshot
 from .service.sample_window import Points
+
+
+class AlarmFrame(TypedDict):
+    """Something that is wrong now."""
+
+    text: str
+    severity: str
+    """warning, critical."""
+    tracker: int | None
+
+
+class EventFrame(TypedDict):
+    """Something that has happened."""
+
+    time_s: float
+    """Since the service was started."""
+    severity: str
+    """info, success, warning, critical."""
+    text: str
+
+
+class NoticeFrame(TypedDict):
+    """What an autopilot or an agent says."""
+
+    severity: str
+    text: str
+
+
+class PreflightFrame(TypedDict):
+    """One thing that must be right before trackers are commanded."""
+
+    name: str
+    passed: bool | None
+    """Null where it is not known yet."""
+    text: str
+    tracker: int | None
+    """Null where it is about all."""
 
 
 class TrackerFrame(TypedDict):
@@ -35,6 +77,14 @@ class TrackerFrame(TypedDict):
     """Of the samples in its last window."""
     rssi_dbm: list[float | None]
     """Its last window, oldest first."""
+    condition: str
+    """expected, lost, manual, left out, silent, there."""
+    left_out: str
+    """Why it is left out; empty where it counts."""
+    notices: list[NoticeFrame]
+    """What its autopilot and its agent said last."""
+    dropped: dict[str, int]
+    """Samples that were no levels, by reason."""
 
 
 class DecisionFrame(TypedDict):
@@ -75,8 +125,16 @@ class Frame(TypedDict):
     """Datagrams that the link dropped, by reason."""
     decision_latency_ms: float | None
     """Of the last decision."""
-    alarms: list[str]
-    """What the operator should know besides."""
+    alarms: list[AlarmFrame]
+    """What is wrong now, the worst first."""
+    events: list[EventFrame]
+    """What has happened until now, besides routine, oldest first; of very many the newest."""
+    estimate: EstimateFrame | None
+    """Where the controller takes the target to be; null where it does not say so."""
+    ended_s: float | None
+    """When the chase was reached, lost or aborted, since the service was started."""
+    preflight: list[PreflightFrame]
+    """What was looked at before the start."""
 
 
 def frame_of(
@@ -86,13 +144,15 @@ def frame_of(
     loss_share: Sequence[float | None],
     rejected: Counter[str],
     decision_latency_s: float | None,
-    alarms: Sequence[str],
+    events: Events,
+    ended_ns: int | None = None,
     target_m: Metres | None = None,
 ) -> Frame:
-    """The frame of this snapshot."""
+    """The frame of this snapshot, of which ``events`` has been told."""
     explanation = snapshot.explanation
+    belief_m = _belief_m(explanation, snapshot.origin_m)
     return Frame(
-        time_s=round((snapshot.time_ns - began_ns) / 1e9, 3),
+        time_s=_seconds(snapshot.time_ns, began_ns),
         epoch=snapshot.epoch,
         state=snapshot.state.value,
         reason=snapshot.reason,
@@ -102,11 +162,15 @@ def frame_of(
         path_m=[_rounded(center_m) for center_m in path_m],
         trackers=[_tracker(*pair) for pair in zip(snapshot.trackers, loss_share, strict=True)],
         decision=None if snapshot.last_decision is None else _decision(snapshot.last_decision, explanation),
-        belief_m=_belief(explanation, snapshot.origin_m),
+        belief_m=None if belief_m is None else [[round(one, 1) for one in point] for point in belief_m.tolist()],
         target_m=_metres(target_m),
         rejected={str(reason): count for reason, count in sorted(rejected.items())},
         decision_latency_ms=None if decision_latency_s is None else round(1000 * decision_latency_s, 3),
-        alarms=list(alarms),
+        alarms=[_alarm(alarm) for alarm in events.alarms],
+        events=[_event(event, began_ns) for event in events.newest],
+        estimate=estimate_of(belief_m, snapshot.center_m),
+        ended_s=None if ended_ns is None else _seconds(ended_ns, began_ns),
+        preflight=[_check(check) for check in snapshot.preflight],
     )
 
 
@@ -122,6 +186,10 @@ def _tracker(tracker: TrackerSnapshot, loss_share: float | None) -> TrackerFrame
         loss_share=loss_share,
         missing_share=round(tracker.missing_share, 3),
         rssi_dbm=[_finite(level_dbm) for level_dbm in tracker.rssi_dbm],
+        condition=condition_of(tracker).value,
+        left_out=tracker.left_out,
+        notices=[NoticeFrame(severity=severity_of(one).value, text=one.text) for one in tracker.notices],
+        dropped=dict(tracker.dropped),
     )
 
 
@@ -136,11 +204,27 @@ def _decision(decision: Decision, explanation: Explanation | None) -> DecisionFr
     )
 
 
-def _belief(explanation: Explanation | None, origin_m: Metres | None) -> list[list[float]] | None:
+def _alarm(alarm: Alarm) -> AlarmFrame:
+    return AlarmFrame(text=alarm.text, severity=alarm.severity.value, tracker=alarm.tracker)
+
+
+def _event(event: Event, began_ns: int) -> EventFrame:
+    return EventFrame(time_s=_seconds(event.time_ns, began_ns), severity=event.severity.value, text=event.text)
+
+
+def _check(check: PreflightCheck) -> PreflightFrame:
+    return PreflightFrame(name=check.name, passed=check.passed, text=check.text, tracker=check.tracker)
+
+
+def _belief_m(explanation: Explanation | None, origin_m: Metres | None) -> Points | None:
+    """Points of equal weight in the shared frame [point, 3]."""
     if explanation is None or explanation.target_m is None or origin_m is None:
         return None
-    points: Points = explanation.target_m.double().numpy() + origin_m
-    return [[round(coordinate, 1) for coordinate in point_m] for point_m in points.tolist()]
+    return np.asarray(explanation.target_m.double().numpy() + origin_m)
+
+
+def _seconds(time_ns: int, began_ns: int) -> float:
+    return round((time_ns - began_ns) / 1e9, 3)
 
 
 def _metres(point_m: Metres | None) -> list[float] | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..controllers.protocol import Controller
+from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .audience import Audience, AudienceOptions
 from .clock import MonotonicClock
@@ -16,7 +17,6 @@ from .service.loop import ServeLoop, ServeSummary, Tell, Watcher, Words
 from .service.safety import SafetyLimits
 from .service.service import ControllerService
 from .service.settings import ServiceSettings
-from .stop_request import StopRequest
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class Session:
         request: StopRequest,
         *,
         starts: bool,
+        overrides: bool = False,
         stay: bool = False,
         watchers: Sequence[Watcher] = (),
     ) -> ServeSummary:
@@ -82,6 +83,7 @@ class Session:
         Args:
             words: where the operator speaks, beside the page.
             starts: begin at once; otherwise the word start begins.
+            overrides: begin although the preflight has not passed.
             stay: see ``ServeLoop``.
             watchers: see the service after every step, before the audience does.
         """
@@ -100,6 +102,8 @@ class Session:
         )
         if starts:
             service.start()
+        if overrides:
+            service.override()
         all_words, all_watchers = [*words, *audience.words], [*watchers, *audience.watchers]
         loop = ServeLoop(service, self._link, audience.journal, all_words, request, self._tell, all_watchers, stay)
         return loop.run()

@@ -7,14 +7,18 @@ from typing import Any
 
 import torch
 
-from ..batch.tensor_files import load_tensors, save_tensors
+from ..batch.tensor_files import parsed_tensors, save_tensors
 from ..errors import InputError
+from ..ranges import MOST_SHOWN_CHARACTERS, shown
+from ..reading import read_bytes
 from .forms import FORMS
 from .protocol import Form, HearingNetworks
 
 MOST_SHARED = 16
 """Files of which ``shared_weights`` keeps the networks."""
-_shared: dict[str | None, tuple[HearingNetworks, dict[str, Any]]] = {}
+MOST_FILE_BYTES = 64 * 2**20
+"""Twenty times the largest that comes with the package."""
+_shared: dict[str, tuple[HearingNetworks, dict[str, Any]]] = {}
 """By the SHA-256 of their file."""
 
 
@@ -31,16 +35,22 @@ def save_weights(
     save_tensors(path, tensors, {"format": form.file_format, **configuration})
 
 
+def read_weights(path: Path) -> bytes:
+    """The content of a weights file, whatever it is.
+
+    Raises:
+        InputError: no such file, or longer than one can be.
+    """
+    return read_bytes(path, "weights file", MOST_FILE_BYTES)
+
+
 def load_weights(path: Path) -> tuple[HearingNetworks, dict[str, Any]]:
     """The networks in float32 and the configuration that made them.
 
     Raises:
         InputError: as ``checked_weights``.
     """
-    form, tensors, configuration = checked_weights(path)
-    networks: HearingNetworks = form.filed()
-    networks.load_state_dict(tensors)
-    return networks.eval(), configuration
+    return _networks(path, read_weights(path))
 
 
 def shared_weights(path: Path) -> tuple[HearingNetworks, dict[str, Any]]:
@@ -49,15 +59,14 @@ def shared_weights(path: Path) -> tuple[HearingNetworks, dict[str, Any]]:
     Raises:
         InputError: as ``checked_weights``.
     """
-    sha256 = _content_sha256(path)
-    if sha256 in _shared:
-        return _shared[sha256]
-    loaded = load_weights(path)
-    if sha256 is not None and sha256 == _content_sha256(path):  # else the file was replaced while it was read
+    content = read_weights(path)
+    sha256 = hashlib.sha256(content).hexdigest()
+    if sha256 not in _shared:
+        loaded = _networks(path, content)
         if len(_shared) >= MOST_SHARED:
             del _shared[next(iter(_shared))]
         _shared[sha256] = loaded
-    return loaded
+    return _shared[sha256]
 
 
 def checked_weights(path: Path) -> tuple[Form[Any, Any], dict[str, torch.Tensor], dict[str, Any]]:
@@ -67,21 +76,34 @@ def checked_weights(path: Path) -> tuple[Form[Any, Any], dict[str, torch.Tensor]
     Raises:
         InputError: no such file, damaged, or with parameters that are not those of the networks it names.
     """
-    tensors, configuration = load_tensors(path, "weights file")
+    return _checked(path, read_weights(path))
+
+
+def _networks(path: Path, content: bytes) -> tuple[HearingNetworks, dict[str, Any]]:
+    form, tensors, configuration = _checked(path, content)
+    networks: HearingNetworks = form.filed()
+    networks.load_state_dict(tensors)
+    return networks.eval(), configuration
+
+
+def _checked(path: Path, content: bytes) -> tuple[Form[Any, Any], dict[str, torch.Tensor], dict[str, Any]]:
+    tensors, configuration = parsed_tensors(content, path, "weights file")
     file_format = configuration.get("format", "no known format")
     by_format = {form.file_format: form for form in FORMS.values()}
-    if file_format not in by_format:
-        raise InputError(f"weights file {path} holds {file_format!r}, not {' or '.join(map(repr, by_format))}")
+    if not isinstance(file_format, str) or file_format not in by_format:
+        raise InputError(f"weights file {path} holds {shown(file_format)}, not {' or '.join(map(repr, by_format))}")
     form = by_format[file_format]
     expected = _parameter_shapes(form)
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     if found != expected:
         name = sorted(set(expected.items()) ^ set(found.items()))[0][0]
         raise InputError(
-            f"weights file {path} does not match the networks: {name} is {found.get(name, 'missing')}, "
-            f"needed is {expected.get(name, 'no such parameter')}"
+            f"weights file {path} does not match the networks: {name[:MOST_SHOWN_CHARACTERS]} is "
+            f"{found.get(name, 'missing')}, needed is {expected.get(name, 'no such parameter')}"
         )
-    if not all(tensor.isfinite().all() for tensor in tensors.values()):
+    if not all(tensor.is_floating_point() for tensor in tensors.values()):
+        raise InputError(f"weights file {path} holds parameters that are no floating-point numbers")
+    if not all(tensor.float().isfinite().all() for tensor in tensors.values()):
         raise InputError(f"weights file {path} holds numbers that are not finite")
     return form, tensors, configuration
 
@@ -90,11 +112,3 @@ def checked_weights(path: Path) -> tuple[Form[Any, Any], dict[str, torch.Tensor]
 def _parameter_shapes(form: Form[Any, Any]) -> dict[str, tuple[int, ...]]:
     with torch.device("meta"):  # no memory, and no random numbers drawn
         return {name: tuple(tensor.shape) for name, tensor in form.filed().state_dict().items()}
-
-
-def _content_sha256(path: Path) -> str | None:
-    """None for what cannot be read; ``load_weights`` says why."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return None

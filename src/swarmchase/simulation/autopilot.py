@@ -7,6 +7,7 @@ from ..live.address import LOOPBACK
 from ..live.link.dialect import mavlink
 from ..live.ticker import next_moment_ns
 from ..live.tracker.vehicles import SimulatedVehicle
+from .vehicles_gone_wrong import FailingVehicle
 
 HEARTBEAT_HZ = 1.0
 POSITION_HZ = 20.0
@@ -18,7 +19,7 @@ MOST_DATAGRAMS = 100
 class SimulatedAutopilot:
     """Flies ``vehicle`` and speaks to the agent that listens at ``port`` of this machine."""
 
-    def __init__(self, vehicle: SimulatedVehicle, port: int) -> None:
+    def __init__(self, vehicle: SimulatedVehicle | FailingVehicle, port: int) -> None:
         self.has_companion = False
         """Whether an agent has ever spoken."""
         self._vehicle = vehicle

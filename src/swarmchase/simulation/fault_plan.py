@@ -16,8 +16,9 @@ from .faulty_path import Faults
 HELP = (
     "loss=SHARE, burst=SHARE (in bursts of ten), delay=SECONDS, jitter=SECONDS, duplicate=SHARE, reorder=SHARE, "
     "replay=SHARE, outage=START-END, forge=PER_SECOND (forged datagrams), and for one tracker 0 to 5: silent, stuck, "
-    "garbage, wrong, delayed, intermittent=TRACKER@START[-END] (its receiver), slow, frozen=TRACKER@START[-END] (its "
-    "process), kill, restart=TRACKER@START"
+    "garbage, wrong, deaf, loud, delayed, intermittent=TRACKER@START[-END] (its receiver), offset, origin, stays, "
+    "fence=TRACKER@START[-END] (its vehicle), slow, frozen=TRACKER@START[-END] (its process), kill, "
+    "restart=TRACKER@START"
 )
 
 
@@ -29,13 +30,30 @@ class ReceiverFault(StrEnum):
     STUCK = "stuck"
     """Repeats its last level."""
     GARBAGE = "garbage"
-    """Reports what no receiver can have meant."""
+    """Reports, for every second sample, an error value or another number that is no level of the target."""
     WRONG = "wrong"
     """Adds 20 dB."""
+    DEAF = "deaf"
+    """Reports -200 dBm."""
+    LOUD = "loud"
+    """Reports 20 dBm."""
     DELAYED = "delayed"
     """Reports half a second late."""
     INTERMITTENT = "intermittent"
     """Is silent every second half second."""
+
+
+class VehicleFault(StrEnum):
+    """What a vehicle does, or says."""
+
+    OFFSET = "offset"
+    """Says that it is 29.9 m further east than it is; it flies where it is told."""
+    ORIGIN = "origin"
+    """Has another origin: it says that it is 1 km further east than it is, and flies by the same frame."""
+    STAYS = "stays"
+    """Follows no command."""
+    FENCE = "fence"
+    """Drops commands to places more than 30 m from the origin on any axis: it flies where it was told last."""
 
 
 class ProcessFault(StrEnum):
@@ -58,7 +76,7 @@ RESTART_AFTER_S = 2.0
 class TrackerFault:
     """Of one tracker, from ``start_s`` to ``end_s``."""
 
-    fault: ReceiverFault | ProcessFault
+    fault: ReceiverFault | VehicleFault | ProcessFault
     tracker: int
     start_s: float
     end_s: float = math.inf
@@ -79,9 +97,16 @@ class FaultPlan:
 
     def of_receiver(self, tracker: int, chase_s: float) -> ReceiverFault | None:
         """What is wrong with this receiver at this moment; the last one named where there are several."""
-        found = [fault.fault for fault in self.trackers if fault.tracker == tracker and fault.is_at_work(chase_s)]
-        receivers = [one for one in found if isinstance(one, ReceiverFault)]
+        receivers = [one for one in self._at_work(tracker, chase_s) if isinstance(one, ReceiverFault)]
         return receivers[-1] if receivers else None
+
+    def of_vehicle(self, tracker: int, chase_s: float) -> VehicleFault | None:
+        """What is wrong with this vehicle at this moment; the last one named where there are several."""
+        vehicles = [one for one in self._at_work(tracker, chase_s) if isinstance(one, VehicleFault)]
+        return vehicles[-1] if vehicles else None
+
+    def _at_work(self, tracker: int, chase_s: float) -> list[ReceiverFault | VehicleFault | ProcessFault]:
+        return [fault.fault for fault in self.trackers if fault.tracker == tracker and fault.is_at_work(chase_s)]
 
     def of_process(self, tracker: int, chase_s: float) -> list[TrackerFault]:
         """What is wrong with this tracker's process at this moment."""
@@ -157,7 +182,7 @@ def _forge(plan: FaultPlan, value: str) -> FaultPlan:
 MOST_FORGED_HZ = 100_000.0
 
 
-def _of_tracker(fault: ReceiverFault | ProcessFault) -> Callable[[FaultPlan, str], FaultPlan]:
+def _of_tracker(fault: ReceiverFault | VehicleFault | ProcessFault) -> Callable[[FaultPlan, str], FaultPlan]:
     def change(plan: FaultPlan, value: str) -> FaultPlan:
         tracker, at, times = value.partition("@")
         start, dash, end = times.partition("-")
@@ -182,5 +207,5 @@ _WORDS: dict[str, Callable[[FaultPlan, str], FaultPlan]] = {
     "replay": _of_link("replay"),
     "outage": _outage,
     "forge": _forge,
-    **{str(fault): _of_tracker(fault) for kind in (ReceiverFault, ProcessFault) for fault in kind},
+    **{str(fault): _of_tracker(fault) for kind in (ReceiverFault, VehicleFault, ProcessFault) for fault in kind},
 }

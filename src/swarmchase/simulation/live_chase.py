@@ -4,12 +4,12 @@ This process holds the controller service, its page and its log, the very ones t
 a process of its own, plays everything else.
 """
 
+import contextlib
 import multiprocessing
-import tempfile
+import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 from ..controllers.protocol import Controller
 from ..errors import WorkerDiedError
@@ -17,14 +17,17 @@ from ..live.address import LOOPBACK
 from ..live.link.keys import new_keys, write_keys
 from ..live.link.mavlink import ControllerMavlinkLink
 from ..live.link.messages import Metres
+from ..live.link.state_file import CONTROLLER_FILE
 from ..live.service.chase_state import ChaseState, Snapshot
 from ..live.service.loop import ServeSummary, Tell, Words
 from ..live.service.state_folder import next_epoch
 from ..live.session import Assignment, Session
-from ..live.stop_request import StopRequest
+from ..processes.children import starting_children
+from ..processes.stop_request import StopRequest
+from ..processes.temporary_folder import temporary_folder
 from ..scenario import Scenario
 from .fault_plan import FaultPlan
-from .stage import READY_S, Announcement, Failure, Play, Ready, Truth, run_stage
+from .stage import READY_S, Announcement, Failure, Play, Ready, ToldToStop, Truth, run_stage
 
 END_S = 15.0
 """So long the stage may take to end six processes."""
@@ -45,24 +48,29 @@ class LiveSummary(ServeSummary):
 class StageProcess:
     """This side of the stage's process.
 
+    Args:
+        request: is made where a process of the site is told to stop.
+
     Raises:
         WorkerDiedError: it could not begin, or has ended by itself.
     """
 
-    def __init__(self, play: Play) -> None:
+    def __init__(self, play: Play, request: StopRequest) -> None:
+        self._request = request
         context = multiprocessing.get_context("spawn")
         self._connection, other_end = context.Pipe()
         self._process = context.Process(target=run_stage, args=(play, other_end), name="stage")
-        self._process.start()
+        with starting_children():
+            self._process.start()
         other_end.close()
         self.truth: Truth | None = None
         self._is_ready = False
         self._announced_ns: int | None = None
 
-    def wait(self, stopped: Callable[[], bool]) -> None:
-        """Until all trackers are there, or ``stopped`` says so."""
+    def wait(self) -> None:
+        """Until all trackers are there, or the request is made."""
         deadline_s = time.monotonic() + 2 * READY_S
-        while not (self._is_ready and self.truth) and not stopped():
+        while not (self._is_ready and self.truth) and not self._request.made:
             self._hear(0.1)
             if time.monotonic() > deadline_s:
                 raise WorkerDiedError(f"the simulated site was not ready after {2 * READY_S:g} s")
@@ -73,7 +81,8 @@ class StageProcess:
         since_ns, center_m, spacing_m = snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m
         if since_ns not in {None, self._announced_ns} and center_m is not None and spacing_m is not None:
             self._announced_ns = since_ns
-            self._connection.send(Announcement(since_ns, center_m, spacing_m))
+            with self._telling_its_death():
+                self._connection.send(Announcement(since_ns, center_m, spacing_m))
 
     def close(self) -> None:
         """End it and all of its processes."""
@@ -85,7 +94,7 @@ class StageProcess:
         self._process.close()
 
     def _hear(self, wait_s: float) -> None:
-        try:
+        with self._telling_its_death():
             while self._connection.poll(wait_s):
                 wait_s = 0.0
                 message = self._connection.recv()
@@ -93,8 +102,15 @@ class StageProcess:
                     raise WorkerDiedError(f"the simulated site has ended: {message.reason}")
                 if isinstance(message, Truth):
                     self.truth = message
+                if isinstance(message, ToldToStop):
+                    self._request.note(signal.SIGTERM)
                 self._is_ready |= isinstance(message, Ready)
-        except (EOFError, ConnectionResetError):
+
+    @contextlib.contextmanager
+    def _telling_its_death(self) -> Iterator[None]:
+        try:
+            yield
+        except (EOFError, OSError):  # not all of a message, or nobody to send one to
             self._process.join(END_S)
             raise WorkerDiedError(
                 f"the simulated site has died with exit code {self._process.exitcode} (a negative one is the signal "
@@ -137,22 +153,27 @@ def run_live_chase(
         WorkerDiedError: a process of the simulated site has died.
     """
     scenario, seed, chase = assignment.scenario, assignment.seed, assignment.chase
-    with tempfile.TemporaryDirectory(prefix="swarmchase-live-") as name:
-        folder = Path(name)
+    with temporary_folder("swarmchase-live-") as folder:
         keys = new_keys()
         for tracker, key in keys.items():
             write_keys(folder / f"tracker-{tracker}.keys", {tracker: key})
         epoch = next_epoch(folder / "controller.epoch")
-        link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / "controller.timestamps")
+        link = ControllerMavlinkLink(LOOPBACK, 0, keys, state_path=folder / CONTROLLER_FILE)
         stage: StageProcess | None = None
         session: Session | None = None
         try:
             session = Session(assignment, controller, link, epoch, tell, lambda: _target_m(stage))
-            stage = StageProcess(Play(scenario, seed, chase, plan, link.address[1], folder))
+            stage = StageProcess(Play(scenario, seed, chase, plan, link.address[1], folder), request)
             tell("Six trackers are starting.")
-            stage.wait(lambda: request.made)
+            stage.wait()
             progress = _Progress(stage, scenario)
-            summary = session.run(words, request, starts=not request.made, watchers=[stage.watch, progress])
+            summary = session.run(
+                words,
+                request,
+                starts=not request.made,
+                overrides=plan != FaultPlan(),  # whoever has ordered faults wants to see them
+                watchers=[stage.watch, progress],
+            )
             told = _summary(summary, stage, scenario, progress.movements_to_target)
             stage.close()
             stage = None

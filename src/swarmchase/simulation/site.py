@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from functools import partial
 from random import Random
 
 import torch
@@ -9,11 +10,12 @@ import torch
 from ..formation import TRACKER_DIRECTION
 from ..live.link.messages import Metres
 from ..live.tracker.sources import Sample
-from ..live.tracker.vehicles import SimulatedVehicle, VehicleLimits
+from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
-from .fault_plan import FaultPlan
+from .fault_plan import FaultPlan, VehicleFault
 from .radio import Radio
 from .receivers_gone_wrong import FailingReceiver
+from .vehicles_gone_wrong import FailingVehicle
 
 MOST_SAMPLES_MADE_UP = 100
 """A site that stood still for longer leaves samples out."""
@@ -21,7 +23,7 @@ MOST_SAMPLES_MADE_UP = 100
 
 class Site:
     """Chase ``chase`` of run ``seed``. The swarm hovers around the origin, with the scenario's initial spacing, and
-    hears nothing before ``begin``.
+    hears nothing before ``begin``. ``vehicles`` are flown instead of ideal ones from there.
     """
 
     def __init__(
@@ -30,14 +32,20 @@ class Site:
         seed: int,
         chase: int,
         plan: FaultPlan | None = None,
-        limits: VehicleLimits | None = None,
+        vehicles: list[SimulatedVehicle] | None = None,
     ) -> None:
         self.radio = Radio(scenario, seed, chase)
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
-        self.vehicles = [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
+        self.vehicles = vehicles or [SimulatedVehicle((x_m, y_m, z_m)) for x_m, y_m, z_m in places_m]
         """They fly where they are told, through ``advance``."""
+        self.flown = [
+            FailingVehicle(vehicle, partial(self._vehicle_fault, tracker))
+            for tracker, vehicle in enumerate(self.vehicles)
+        ]
+        """The same as their agents have them."""
         self._plan = plan or FaultPlan()
         self._start_ns: int | None = None
+        self._now_ns = 0
         self._period_ns = 1e9 / scenario.sampling_hz
         self._taken = 0
         self._spacing_m = scenario.initial_spacing_m
@@ -45,7 +53,7 @@ class Site:
 
     def begin(self, now_ns: int) -> None:
         """The target begins to transmit, and the faults' clock to run."""
-        self._start_ns = now_ns
+        self._start_ns = self._now_ns = now_ns
 
     def advance(self, now_ns: int) -> list[list[Sample]]:
         """Let everything happen until now: what each receiver reports meanwhile."""
@@ -56,6 +64,7 @@ class Site:
             while self._taken < due:
                 self._taken += 1
                 self._sample(self._start_ns, round(self._taken * self._period_ns), reported)
+        self._now_ns = now_ns
         self._fly(now_ns)
         return reported
 
@@ -68,9 +77,14 @@ class Site:
             fault = self._plan.of_receiver(tracker, after_ns / 1e9)
             reported[tracker] += self._receivers[tracker].reported((time_ns, level_dbm), fault)
 
+    def _vehicle_fault(self, tracker: int) -> VehicleFault | None:
+        if self._start_ns is None:
+            return None
+        return self._plan.of_vehicle(tracker, (self._now_ns - self._start_ns) / 1e9)
+
     def positions_m(self) -> list[Metres]:
         """Where the vehicles are."""
-        return [vehicle.position_m for vehicle in self.vehicles]
+        return [vehicle.true_position_m for vehicle in self.vehicles]
 
     def announce(self, since_ns: int, center_m: Metres, spacing_m: float) -> None:
         """The controller's next window is of what is sampled from this moment on, in this formation."""

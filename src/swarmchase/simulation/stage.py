@@ -7,7 +7,6 @@ keeps simulated windows in step with those of the evaluation.
 import json
 import math
 import select
-import signal
 import socket
 import time
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ import torch
 from ..live.address import LOOPBACK
 from ..live.link.messages import Metres
 from ..live.tracker.sources import Sample
+from ..processes.children import begin_child
+from ..processes.stop_request import StopRequest
 from ..scenario import NUM_TRACKERS, Scenario
 from .autopilot import SimulatedAutopilot
 from .fault_plan import FaultPlan
@@ -56,6 +57,11 @@ class Ready:
 
 
 @dataclass(frozen=True)
+class ToldToStop:
+    """From the stage: a signal wants it, or a tracker, to stop. It goes on until the command closes the connection."""
+
+
+@dataclass(frozen=True)
 class Failure:
     """From the stage: why it has ended."""
 
@@ -77,24 +83,25 @@ class Play:
 
 def run_stage(play: Play, connection: Connection) -> None:
     """The whole life of the process: until the other end of the connection is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which then closes the connection
+    request = begin_child()
     torch.set_num_threads(1)
     try:
-        stage = _Stage(play, connection)
+        stage = _Stage(play, connection, request)
     except Exception as error:
         connection.send(Failure(str(error)))
         return
     try:
         stage.run()
-    except (BrokenPipeError, ConnectionResetError):
+    except OSError:
         return  # the command has gone
     finally:
         stage.close()
 
 
 class _Stage:
-    def __init__(self, play: Play, connection: Connection) -> None:
-        self._connection = connection
+    def __init__(self, play: Play, connection: Connection, request: StopRequest) -> None:
+        self._connection, self._request = connection, request
+        self._has_told_the_request = False
         self._site = Site(play.scenario, play.seed, play.chase, play.plan)
         self._relay = UdpRelay(play.plan, play.controller_port, f"{play.seed} {play.chase}")
         free = free_udp_ports(2 * NUM_TRACKERS)
@@ -107,7 +114,7 @@ class _Stage:
         self._sources = [(LOOPBACK, one.source) for one in ports]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._autopilots = [
-            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.vehicles, ports, strict=True)
+            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.flown, ports, strict=True)
         ]
         self._trackers = TrackerProcesses(play.scenario, play.plan, ports, play.folder)
         self._start_ns: int | None = None
@@ -119,10 +126,11 @@ class _Stage:
         while not self._hears_the_end():
             now_ns = time.monotonic_ns()
             self._step(now_ns)
-            for tracker in self._trackers.died():
+            for tracker, exit_code in self._trackers.died().items():
                 words = self._trackers.last_words(tracker)
-                self._connection.send(Failure(f"tracker {tracker} ended by itself: {words}"))
+                self._connection.send(Failure(f"tracker {tracker} ended with exit code {exit_code}: {words}"))
                 return
+            self._pass_on_the_request()
             if self._start_ns is None and (now_ns - began_ns) / 1e9 > READY_S:
                 self._connection.send(Failure(f"after {READY_S:g} s not all trackers had started"))
                 return
@@ -152,6 +160,12 @@ class _Stage:
             self._tell_the_truth(now_ns)
             self._connection.send(Ready())
 
+    def _pass_on_the_request(self) -> None:
+        """What tells the stage to stop, or a tracker, is meant for the whole command."""
+        if not self._has_told_the_request and (self._request.made or self._trackers.any_was_stopped()):
+            self._has_told_the_request = True
+            self._connection.send(ToldToStop())
+
     def _report(self, address: tuple[str, int], samples: list[Sample]) -> None:
         for time_ns, rssi_dbm in samples:
             level_dbm = None if math.isnan(rssi_dbm) else rssi_dbm
@@ -171,6 +185,6 @@ class _Stage:
             while self._connection.poll():
                 announcement: Announcement = self._connection.recv()
                 self._site.announce(announcement.since_ns, announcement.center_m, announcement.spacing_m)
-        except (EOFError, ConnectionResetError):
+        except (EOFError, OSError):
             return True
         return False

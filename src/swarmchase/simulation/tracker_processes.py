@@ -4,12 +4,13 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..live.address import LOOPBACK
 from ..live.link.udp_socket import bound_udp_socket
+from ..processes.children import child_command
+from ..processes.stop_request import STOPPED_CODES
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
 
@@ -57,9 +58,13 @@ class TrackerProcesses:
                 stands_still = is_slow or ProcessFault.FROZEN in faults
                 self._send(tracker, signal.SIGSTOP if stands_still else signal.SIGCONT)
 
-    def died(self) -> list[int]:
-        """The trackers that have ended by themselves."""
-        return [tracker for tracker, process in self._running.items() if process.poll() is not None]
+    def died(self) -> dict[int, int]:
+        """The trackers that have failed or were killed, not by the plan, with their exit codes."""
+        return {tracker: code for tracker, code in self._ended().items() if code not in STOPPED_CODES}
+
+    def any_was_stopped(self) -> bool:
+        """Whether one was told to stop, and has."""
+        return any(code in STOPPED_CODES for code in self._ended().values())
 
     def last_words(self, tracker: int) -> str:
         """The end of what it printed."""
@@ -82,7 +87,7 @@ class TrackerProcesses:
     def _start(self, tracker: int) -> None:
         ports, folder = self._ports[tracker], self._folder
         words = [
-            *(sys.executable, "-m", "swarmchase", "tracker", "--number", str(tracker)),
+            *("tracker", "--number", str(tracker)),
             *("--source", f"udp:{ports.source}", "--same-clock", "--sampling-hz", f"{self._scenario.sampling_hz:g}"),
             *("--vehicle", f"mavlink:{ports.vehicle}", "--autopilot-origin-m", "0", "0", "0"),
             *("--controller", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
@@ -91,8 +96,12 @@ class TrackerProcesses:
         with open(self._output(tracker), "ab") as output:
             # A group of its own: Ctrl-C is for the command that started all this, which then ends them.
             self._running[tracker] = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+                child_command(words), stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
             )
+
+    def _ended(self) -> dict[int, int]:
+        codes = {tracker: process.poll() for tracker, process in self._running.items()}
+        return {tracker: code for tracker, code in codes.items() if code is not None}
 
     def _kill(self, tracker: int) -> None:
         process = self._running.pop(tracker, None)

@@ -11,13 +11,12 @@ from ..controllers.protocol import Controller
 from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
-from ..live.link.messages import Metres, TrackerMode, VehicleState
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
 from ..live.service.settings import ServiceSettings
 from ..live.tracker.agent import AgentSettings, TrackerAgent
-from ..live.tracker.sources import Sample
+from ..live.tracker.sources import Rejected, Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
@@ -80,6 +79,8 @@ class VirtualChase:
     Args:
         recorder: is given every transition and decision.
         watch: is given every snapshot after a step of the service.
+        vehicles: are flown; ideal ones, around the origin, where none are given.
+        starts: at once; otherwise when ``service.start`` is called.
     """
 
     def __init__(
@@ -93,6 +94,9 @@ class VirtualChase:
         recorder: Recorder = lambda _entry: None,
         watch: Callable[[Snapshot], None] = lambda _snapshot: None,
         limits: SafetyLimits | None = None,
+        vehicles: list[SimulatedVehicle] | None = None,
+        agent_settings: AgentSettings | None = None,
+        starts: bool = True,
     ) -> None:
         self.clock = VirtualClock(START_NS)
         """The site's, and the controller's."""
@@ -103,8 +107,9 @@ class VirtualChase:
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
-        self._recorder, self._watch = recorder, watch
-        self.site = Site(scenario, seed, chase, self._plan)
+        self._recorder, self._watch, self._starts = recorder, watch, starts
+        self._agent_settings = agent_settings or AgentSettings()
+        self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
         self._controller = told_where(controller, self.site.radio.target_m)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
@@ -122,10 +127,11 @@ class VirtualChase:
         """Its process dies and is there again at once, without its state folder: a new chase begins."""
         self.link, self.service = self._begun_service(epoch)
 
-    def run(self) -> VirtualResult:
+    def run(self, each_tick: Callable[[], None] = lambda: None) -> VirtualResult:
         """Until the chase has ended."""
         while self.service.state in UNDER_WAY and self._seconds() < LONGEST_CHASE_S:
             self.tick()
+            each_tick()
         snapshot = self.service.snapshot()
         near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
         if near and self._movements_to_target is None:
@@ -194,15 +200,26 @@ class VirtualChase:
             agent.step()
 
     def _agent(self, tracker: int) -> TrackerAgent:
-        wall_time_ns, udp = self.tracker_wall_clocks[tracker].now_ns, self.network.trackers[tracker]
-        link = TrackerMavlinkLink(tracker, *CONTROLLER, KEYS[tracker], wall_time_ns=wall_time_ns, udp=udp)
-        vehicle, receiver = _Flown(self.site.vehicles[tracker]), self._receivers[tracker]
+        link = TrackerMavlinkLink(
+            tracker,
+            *CONTROLLER,
+            KEYS[tracker],
+            wall_time_ns=self.tracker_wall_clocks[tracker].now_ns,
+            monotonic_ns=self.tracker_clocks[tracker].now_ns,
+            udp=self.network.trackers[tracker],
+        )
+        vehicle, receiver = self.site.flown[tracker], self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
-        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, AgentSettings())
+        return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, self._agent_settings)
 
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
-        udp = self.network.controller
-        link = ControllerMavlinkLink(*CONTROLLER, KEYS, wall_time_ns=self.wall_clock.now_ns, udp=udp)
+        link = ControllerMavlinkLink(
+            *CONTROLLER,
+            KEYS,
+            wall_time_ns=self.wall_clock.now_ns,
+            monotonic_ns=self.clock.now_ns,
+            udp=self.network.controller,
+        )
         service = ControllerService(
             self._scenario,
             self._controller,
@@ -215,51 +232,23 @@ class VirtualChase:
             self._chase,
             self._settings,
         )
-        service.start()
+        if self._starts:
+            service.start()
+        if self._plan != FaultPlan():
+            service.override()  # whoever has ordered faults wants to see them
         return link, service
 
     def _seconds(self) -> float:
         return (self.clock.now_ns() - START_NS) / 1e9
 
 
-class _Flown:
-    """A vehicle as its agent has it: time passes for it at the site alone, whatever the agent's clock says."""
-
-    def __init__(self, vehicle: SimulatedVehicle) -> None:
-        self._vehicle = vehicle
-        self.go_to, self.hold, self.said = vehicle.go_to, vehicle.hold, vehicle.said
-
-    @property
-    def position_m(self) -> Metres:
-        return self._vehicle.position_m
-
-    @property
-    def position_age_s(self) -> float:
-        return self._vehicle.position_age_s
-
-    @property
-    def velocity_mps(self) -> Metres:
-        return self._vehicle.velocity_mps
-
-    @property
-    def state(self) -> VehicleState:
-        return self._vehicle.state
-
-    @property
-    def mode(self) -> TrackerMode:
-        return self._vehicle.mode
-
-    def update(self, now_ns: int) -> None:
-        """The site does it."""
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
 class _Receiver:
     """Hands on what the site has it hear, dated by its tracker's clock. An ``RssiSource``."""
 
+    silence = "the site is silent"
+
     def __init__(self, clock: SkewedClock) -> None:
+        self.rejected = Rejected()
         self._clock = clock
         self._samples: list[Sample] = []
 

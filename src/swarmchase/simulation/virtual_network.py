@@ -42,6 +42,10 @@ class VirtualNetwork:
         self._forger = Forger(Random(f"{seed} forger"), clock.now_ns) if plan.forged_hz else None
         self._start_ns, self._num_forged = now_ns, 0
 
+    def cut(self, tracker: int, is_cut: bool) -> None:
+        """Cut this tracker's link by hand, both ways, or mend it."""
+        self._to_controller[tracker].is_cut = self._to_tracker[tracker].is_cut = is_cut
+
     def pass_on(self) -> None:
         """Let arrive what has come by now, in the order of its coming."""
         now_ns = self._clock.now_ns()

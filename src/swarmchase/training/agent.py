@@ -156,10 +156,24 @@ class LocalAgent:
         """Go on where a snapshot was taken.
 
         Raises:
-            InputError: the snapshot lacks something.
+            InputError: the snapshot lacks something, or is not this agent's.
         """
         tensors = {name: torch.from_numpy(array).to(self._device) for name, array in snapshot.arrays.items()}
-        self.progress = unpack(self.progress, self._prefix, tensors, snapshot.streams)
+        progress = unpack(self.progress, self._prefix, tensors, snapshot.streams)
+        self._require_own(progress)
+        self.progress = progress
+
+    def _require_own(self, progress: ChasesInPlay) -> None:
+        """Each of its chases is followed by the one N C further on; what was heard may be missing (NaN), and nothing
+        else."""
+        further = progress.number - self.progress.number
+        stride = self._settings.num_agents * self._settings.chases_per_agent
+        state = progress.state
+        known = (state.target_position_m, state.center_m, state.spacing_m, state.path_length_m, progress.memory)
+        if ((further < 0) | (further % stride != 0) | (progress.movements < 0)).any() or not all(
+            part.isfinite().all() for part in (*known, progress.reward_m)
+        ):
+            raise InputError(f"resume state of {self._prefix} is not of its chases, or holds what is no number")
 
     @property
     def _prefix(self) -> str:

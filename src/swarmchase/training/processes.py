@@ -1,18 +1,16 @@
 """A3C's asynchronous schedule: each local agent and the auxiliary agent a process, looked after by the global agent.
 
-Processes are spawned, never forked. One that dies ends the run with its traceback or its exit code.
+Processes are spawned, never forked. One that dies ends the run with its traceback or its exit code. None can hold up
+the others by its death: each has a pipe of its own, and flags are numbers in shared memory.
 """
 
 import contextlib
 import math
-import multiprocessing
-import os
-import signal
-import threading
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,8 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
+from ..processes.children import begin_child, starting_children
+from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
 from .evaluator import AuxiliaryEvaluation, Evaluator
@@ -36,11 +36,11 @@ STOP_LIMIT_S = 60.0
 
 @dataclass(frozen=True)
 class _Channels:
-    """How the processes talk: one lock, one mailbox to the global agent, and flags in shared memory."""
+    """How the processes talk, beside the pipe from each to the global agent: one lock, and flags in shared memory."""
 
     lock: Any
-    mailbox: Any
-    stop: Any
+    stop: torch.Tensor
+    """Not 0: the agents are to leave."""
     checkpoints_asked: torch.Tensor
     environment_steps: torch.Tensor
     """Movements made by each local agent in this session."""
@@ -61,6 +61,13 @@ class _SnapshotMail:
 
 
 @dataclass(frozen=True)
+class _StopMail:
+    """A signal wants an agent to stop, which is meant for the whole run."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class _ErrorMail:
     who: str
     text: str
@@ -76,44 +83,76 @@ def run_processes(run: TrainingRun) -> None:
     context: Any = torch.multiprocessing.get_context("spawn")
     channels = _Channels(
         lock=context.Lock(),
-        mailbox=context.SimpleQueue(),
-        stop=context.Event(),
+        stop=_shared_zeros(1),
         checkpoints_asked=_shared_zeros(1),
         environment_steps=_shared_zeros(settings.num_agents),
     )
     arguments = (run.scenarios, settings, run.shared, channels)
     first_evaluation = next_evaluation(int(run.shared.updates), settings)
     starts: list[AgentSnapshot | None] = list(run.point.agents) or [None] * settings.num_agents
-    processes = {
-        f"local agent {index}": context.Process(
-            target=_local_agent_process, args=(*arguments, index, starts[index]), daemon=True
-        )
+    agents: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        f"local agent {index}": (_local_agent_process, (*arguments, index, starts[index]))
         for index in range(settings.num_agents)
     }
-    processes["auxiliary agent"] = context.Process(
-        target=_auxiliary_agent_process, args=(*arguments, run.folder.folder, run.best, first_evaluation), daemon=True
-    )
-    with _ctrl_c_held_back():
-        for process in processes.values():
-            process.start()
+    last_arguments = (*arguments, run.folder.folder, run.best, first_evaluation)
+    agents["auxiliary agent"] = (_auxiliary_agent_process, last_arguments)
+    processes: dict[str, Any] = {}
+    mailbox = _Mailbox()
     try:
-        _supervise(run, channels, processes)
+        with starting_children():
+            for who, (target, its_arguments) in agents.items():
+                receiver, sender = context.Pipe(duplex=False)
+                outbox = _Outbox(who, sender)
+                processes[who] = context.Process(target=target, args=(outbox, *its_arguments), daemon=True)
+                processes[who].start()
+                sender.close()
+                mailbox.receivers.append(receiver)
+        _supervise(run, channels, mailbox, processes)
     finally:
         for process in processes.values():
             if process.is_alive():
-                process.terminate()
+                process.kill()  # it leaves other signals to this process
         for process in processes.values():
-            process.join()
+            if process.pid is not None:
+                process.join()
 
 
-@contextlib.contextmanager
-def _ctrl_c_held_back() -> Iterator[None]:
-    """Ctrl-C reaches a terminal's whole process group: processes started here never see it, this one sees it later."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+@dataclass
+class _Mailbox:
+    """The global agent's ends of the agents' pipes; that of an agent which has ended goes."""
+
+    receivers: list[Any] = field(default_factory=list)
+
+    def read(self) -> Iterator[Any]:
+        """All that has come."""
+        while ready := connection.wait(self.receivers, 0):
+            for receiver in ready:
+                assert isinstance(receiver, connection.Connection)
+                try:
+                    mail = receiver.recv()
+                except (EOFError, OSError):
+                    self.receivers.remove(receiver)
+                else:
+                    yield mail
+
+
+@dataclass
+class _Outbox:
+    """An agent's end of its pipe."""
+
+    who: str
+    sender: Any
+    has_passed_on: bool = False
+
+    def put(self, mail: Any) -> None:
+        """Send it. No tensors: a process that shares memory for them leaves files behind when it is killed."""
+        self.sender.send(mail)
+
+    def pass_on(self, request: StopRequest) -> None:
+        """Once, if it is made."""
+        if request.made and not self.has_passed_on:
+            self.has_passed_on = True
+            self.put(_StopMail(request.number))
 
 
 @dataclass(frozen=True)
@@ -131,7 +170,7 @@ class _WatchedLock:
         self.lock.release()
 
 
-def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any]) -> None:
+def _supervise(run: TrainingRun, channels: _Channels, mailbox: _Mailbox, processes: dict[str, Any]) -> None:
     """Read the mail, look after the agents, take checkpoints, and bring the run to its end."""
     global_agent = make_global_agent(run.settings, run.shared, _WatchedLock(channels.lock, processes))
     steps_before = run.environment_steps
@@ -139,10 +178,10 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
     next_checkpoint = next_multiple(global_agent.updates, run.settings.checkpoint_interval)
     stopping = leave_is_saved = False
     stop_by_s = math.inf
-    while any(process.is_alive() for process in processes.values()) or not channels.mailbox.empty():
+    while any(process.is_alive() for process in processes.values()) or mailbox.receivers:
         # Before the mail: an agent that died of an error has written it by then, and its traceback says more.
         casualty = _casualty(processes)
-        _read_mail(run, channels, snapshots)
+        _read_mail(run, channels, mailbox, snapshots)
         if casualty is not None:
             raise WorkerDiedError(casualty)
         run.environment_steps = steps_before + int(channels.environment_steps.sum())
@@ -158,7 +197,7 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
             # The agents' last snapshots come with their leave, under a number of their own.
             snapshots = {}
             channels.checkpoints_asked.add_(1)
-            channels.stop.set()
+            channels.stop.fill_(1)
             stopping = True
         if run.stopped is not None:
             # A run that has made all of its updates waits for its last evaluation, unless it is interrupted.
@@ -173,10 +212,9 @@ def _supervise(run: TrainingRun, channels: _Channels, processes: dict[str, Any])
     run.show()
 
 
-def _read_mail(run: TrainingRun, channels: _Channels, snapshots: dict[int, AgentSnapshot]) -> None:
+def _read_mail(run: TrainingRun, channels: _Channels, mailbox: _Mailbox, snapshots: dict[int, AgentSnapshot]) -> None:
     """Enter all that has come into the run's books; answers to the present call for a checkpoint into ``snapshots``."""
-    while not channels.mailbox.empty():
-        mail = channels.mailbox.get()
+    for mail in mailbox.read():
         if isinstance(mail, FinishedChase):
             run.chase_ended(mail)
         elif isinstance(mail, _EvaluationMail):
@@ -184,6 +222,8 @@ def _read_mail(run: TrainingRun, channels: _Channels, snapshots: dict[int, Agent
         elif isinstance(mail, _SnapshotMail):
             if mail.asked == int(channels.checkpoints_asked):
                 snapshots[mail.index] = mail.snapshot
+        elif isinstance(mail, _StopMail):
+            run.request.note(mail.number)
         else:
             raise WorkerDiedError(f"{mail.who} ended with an error:\n{mail.text}")
 
@@ -208,26 +248,20 @@ def _shared_zeros(length: int) -> torch.Tensor:
 
 
 @contextlib.contextmanager
-def _worker(channels: _Channels, who: str) -> Iterator[None]:
+def _worker(outbox: _Outbox) -> Iterator[StopRequest]:
     """One thread, no silent death, and none left behind when the global agent is killed."""
+    request = begin_child()
     torch.set_num_threads(1)
     keep_freed_memory()
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
-        yield
+        yield request
     except BaseException:
-        channels.mailbox.put(_ErrorMail(who, traceback.format_exc()))
+        outbox.put(_ErrorMail(outbox.who, traceback.format_exc()))
         raise
 
 
-def _leave_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
-
-
 def _local_agent_process(
+    outbox: _Outbox,
     scenarios: Sequence[Scenario],
     settings: TrainingSettings,
     shared: SharedParameters,
@@ -235,27 +269,29 @@ def _local_agent_process(
     index: int,
     start: AgentSnapshot | None,
 ) -> None:
-    with _worker(channels, f"local agent {index}"):
+    with _worker(outbox) as request:
         global_agent = make_global_agent(settings, shared, channels.lock)
         agent = LocalAgent(scenarios[index % len(scenarios)], settings, index)
         if start is not None:
             agent.restore(start)
         answered = 0
-        while not channels.stop.is_set():
+        while not channels.stop:
+            outbox.pass_on(request)
             if global_agent.finished:
-                channels.stop.wait()
-                break
+                time.sleep(POLL_S)
+                continue
             channels.environment_steps[index].add_(work_once(agent, global_agent))
             for finished in agent.finished_chases(global_agent.updates):
-                channels.mailbox.put(finished)
+                outbox.put(finished)
             asked = int(channels.checkpoints_asked)
-            if asked > answered and not channels.stop.is_set():
+            if asked > answered and not channels.stop:
                 answered = asked
-                channels.mailbox.put(_SnapshotMail(index, asked, agent.snapshot()))
-        channels.mailbox.put(_SnapshotMail(index, int(channels.checkpoints_asked), agent.snapshot()))
+                outbox.put(_SnapshotMail(index, asked, agent.snapshot()))
+        outbox.put(_SnapshotMail(index, int(channels.checkpoints_asked), agent.snapshot()))
 
 
 def _auxiliary_agent_process(
+    outbox: _Outbox,
     scenarios: Sequence[Scenario],
     settings: TrainingSettings,
     shared: SharedParameters,
@@ -264,17 +300,19 @@ def _auxiliary_agent_process(
     best: AuxiliaryEvaluation | None,
     next_update: int,
 ) -> None:
-    with _worker(channels, "auxiliary agent"):
+    with _worker(outbox) as request:
         global_agent = make_global_agent(settings, shared, channels.lock)
         evaluator = Evaluator(scenarios, settings, "processes", folder, best)
         while True:
+            outbox.pass_on(request)
             if global_agent.updates < next_update:
                 # Asked again: the last update may have come while it waited, and is still to be evaluated.
-                if channels.stop.wait(POLL_S) and global_agent.updates < next_update:
+                if channels.stop and global_agent.updates < next_update:
                     break
+                time.sleep(POLL_S)
                 continue
-            if channels.stop.is_set() and not global_agent.finished:
+            if channels.stop and not global_agent.finished:
                 break
             next_update = next_evaluation(global_agent.updates, settings)
             evaluation = evaluator.evaluate(global_agent.snapshot())
-            channels.mailbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))
+            outbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))

@@ -2,24 +2,23 @@
 
 import contextlib
 import dataclasses
-import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 import torch
 
 from ..errors import InputError
 from ..networks.forms import continued_networks, new_networks
 from ..networks.weights import load_weights
+from ..processes.stop_request import StopRequest, stop_request
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, AuxiliaryEvaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks
-from .run_folder import ResumePoint, RunFolder, TrainingLog
+from .run_folder import ResumePoint, RunFolder, TrainingLog, holds_run
 from .settings import Schedule, TrainingSettings, training_seed
 
 
@@ -75,6 +74,7 @@ class TrainingRun:
         folder: RunFolder,
         point: ResumePoint,
         progress: TellStatus | None,
+        request: StopRequest,
         device: str = "cpu",
     ) -> None:
         self.scenarios = scenarios
@@ -85,7 +85,8 @@ class TrainingRun:
         self.shared = point.parameters.shared(device)
         self.best = point.best
         self.environment_steps = point.environment_steps
-        self.stopped: str | None = None
+        self.request = request
+        self._criterion_met = False
         self._progress = progress
         self._began_s = time.monotonic() - point.seconds
         self._log = TrainingLog(folder.folder, int(self.shared.updates))
@@ -97,9 +98,10 @@ class TrainingRun:
         """Wall time of the run, earlier sessions included."""
         return time.monotonic() - self._began_s
 
-    def interrupt(self) -> None:
-        """Ask the run to stop and be resumed later."""
-        self.stopped = self.stopped or "interrupted"
+    @property
+    def stopped(self) -> str | None:
+        """Why the run is to stop before its last update, if it is."""
+        return "criterion met" if self._criterion_met else "interrupted" if self.request.made else None
 
     def chase_ended(self, chase: FinishedChase) -> None:
         """A local agent ended a chase."""
@@ -112,8 +114,7 @@ class TrainingRun:
         """The auxiliary agent evaluated; the run stops where its criterion is met."""
         self._last_evaluation, self.best = evaluation, best
         self._log.evaluation(evaluation, self.seconds, self.environment_steps)
-        if meets_criterion:
-            self.stopped = self.stopped or "criterion met"
+        self._criterion_met |= meets_criterion
 
     def checkpoint(self, parameters: SharedParameters, agents: list[AgentSnapshot]) -> None:
         """Write the resume file."""
@@ -192,21 +193,22 @@ def open_run(
     progress: TellStatus | None,
     device: str = "cpu",
 ) -> Iterator[TrainingRun]:
-    """A new run, or the one in ``folder`` gone on with; Ctrl-C asks it to stop instead of tearing it down.
+    """A new run, or the one in ``folder`` gone on with; a signal asks it to stop instead of tearing it down.
 
     Raises:
-        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true.
+        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true;
+            or another training is at work in it.
     """
     start = None if resume else _start(settings)  # before the folder is made: its weights file may be missing
-    run_folder = RunFolder(folder, scenarios, settings)
-    if run_folder.has_resume_point and not resume:
-        raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
-    if resume and not run_folder.has_resume_point:
+    if resume and not holds_run(folder):
         raise InputError(f"folder {folder} holds no run to resume")
-    point = run_folder.load() if start is None else start
-    run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, device)
-    with contextlib.closing(run), _interrupt(run.interrupt):
-        yield run
+    with contextlib.closing(RunFolder(folder, scenarios, settings)) as run_folder, stop_request() as request:
+        if holds_run(folder) and not resume:
+            raise InputError(f"folder {folder} holds a run already: resume it, or choose another folder")
+        point = run_folder.load() if start is None else start
+        run = TrainingRun(scenarios, settings, schedule, run_folder, point, progress, request, device)
+        with contextlib.closing(run):
+            yield run
 
 
 def _start(settings: TrainingSettings) -> ResumePoint:
@@ -217,15 +219,3 @@ def _start(settings: TrainingSettings) -> ResumePoint:
         networks = continued_networks(settings, load_weights(Path(settings.initial_weights))[0])
     parameters = SharedParameters.start(FlatNetworks(networks).vector)
     return ResumePoint(parameters, agents=[], best=None, environment_steps=0, seconds=0.0)
-
-
-@contextlib.contextmanager
-def _interrupt(stop: Callable[[], None]) -> Iterator[None]:
-    def handle(_number: int, _frame: FrameType | None) -> None:
-        stop()
-
-    before = signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

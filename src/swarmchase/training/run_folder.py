@@ -11,15 +11,25 @@ import torch
 
 from ..batch.tensor_files import load_tensors, save_tensors
 from ..errors import InputError
-from ..files import require_writable_folder, write_text_atomically
+from ..files import atomic_path, require_writable_folder
+from ..locks import LockFile
+from ..networks.forms import new_networks
+from ..ranges import AT_LEAST_ZERO, SHARE, Range, checked_number
+from ..reading import Bounds, DocumentError, opened, parsed_json
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import AuxiliaryEvaluation
 from .global_agent import SharedParameters
+from .parameters import FlatNetworks
 from .settings import TrainingSettings
 
 RESUME_FILE = "resume.safetensors"
 LOG_FILE = "training.jsonl"
+LOCK_FILE = "training.lock"
+MOST_RESUME_BYTES = 4 * 2**30
+MOST_LINE_BYTES = 64 * 1024
+"""Of the log."""
+LINE_BOUNDS = Bounds(most_bytes=MOST_LINE_BYTES, most_values=10_000, is_finite=False)
 FORMAT = "swarmchase-resume-2"
 
 
@@ -38,19 +48,31 @@ class ResumePoint:
     """Wall time spent so far."""
 
 
+def holds_run(folder: Path) -> bool:
+    """Whether there is a run in the folder to go on with."""
+    return (folder / RESUME_FILE).exists()
+
+
 class RunFolder:
-    """The folder of one run."""
+    """The folder of one run, which is this process's alone until ``close``.
+
+    Raises:
+        InputError: it cannot be written, or another training is at work in it.
+    """
 
     def __init__(self, folder: Path, scenarios: Sequence[Scenario], settings: TrainingSettings) -> None:
         require_writable_folder(folder)
         self.folder = folder
+        self._settings = settings
+        self._lock = LockFile(
+            folder / LOCK_FILE, f"folder {folder} is in use by another training: wait for it, or choose another folder"
+        )
         worlds = [scenario.to_dict() for scenario in scenarios]
         self._identity = {"format": FORMAT, "scenarios": worlds, "settings": settings.to_dict()}
 
-    @property
-    def has_resume_point(self) -> bool:
-        """Whether there is a run to go on with."""
-        return (self.folder / RESUME_FILE).exists()
+    def close(self) -> None:
+        """Leave the folder to others."""
+        self._lock.close()
 
     def save(self, point: ResumePoint) -> None:
         """Write the resume file, whole or not at all."""
@@ -75,7 +97,7 @@ class RunFolder:
             InputError: damaged, or of a run with another scenario or other settings.
         """
         path = self.folder / RESUME_FILE
-        tensors, document = load_tensors(path, "resume file")
+        tensors, document = load_tensors(path, "resume file", MOST_RESUME_BYTES)
         for name, value in self._identity.items():
             if document.get(name) != json.loads(json.dumps(value)):
                 raise InputError(
@@ -83,20 +105,58 @@ class RunFolder:
                     "choose another folder or give the same options"
                 )
         try:
-            parameters = SharedParameters(
-                **{part.name: tensors[f"global.{part.name}"] for part in dataclasses.fields(SharedParameters)}
+            return ResumePoint(
+                _parameters(tensors, self._settings),
+                _agents(tensors, document["agents"], self._settings.num_agents),
+                None if document["best"] is None else _evaluation(document["best"]),
+                int(checked_number("environment_steps", document["environment_steps"], AT_LEAST_ZERO, whole=True)),
+                checked_number("seconds", document["seconds"], AT_LEAST_ZERO),
             )
-            agents = [
-                AgentSnapshot(
-                    {name: tensor.numpy() for name, tensor in tensors.items() if name.startswith(f"agent{index}.")},
-                    streams,
-                )
-                for index, streams in enumerate(document["agents"])
-            ]
-            best = None if document["best"] is None else AuxiliaryEvaluation(**document["best"])
-            return ResumePoint(parameters, agents, best, document["environment_steps"], document["seconds"])
-        except (KeyError, TypeError) as error:
+        except InputError as error:
+            raise InputError(f"resume file {path} is refused: {error}") from error
+        except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"resume file {path} is incomplete: {error}") from error
+
+
+def _parameters(tensors: dict[str, torch.Tensor], settings: TrainingSettings) -> SharedParameters:
+    """Those of the global agent.
+
+    Raises:
+        InputError: they are not those of the run's networks, or no numbers.
+    """
+    like = SharedParameters.start(FlatNetworks(new_networks(settings)).vector)
+    found = SharedParameters(
+        **{part.name: tensors[f"global.{part.name}"] for part in dataclasses.fields(SharedParameters)}
+    )
+    for part in dataclasses.fields(SharedParameters):
+        tensor, needed = getattr(found, part.name), getattr(like, part.name)
+        if tensor.shape != needed.shape or tensor.dtype != needed.dtype or not tensor.isfinite().all():
+            raise InputError(f"global.{part.name} must be {tuple(needed.shape)} finite numbers of {needed.dtype}")
+    checked_number("updates", float(found.updates), Range(0, settings.max_updates), whole=True)
+    return found
+
+
+def _agents(tensors: dict[str, torch.Tensor], streams: Any, num_agents: int) -> list[AgentSnapshot]:
+    """Each agent looks at its own when it is restored."""
+    if not isinstance(streams, list) or len(streams) != num_agents or not all(isinstance(its, dict) for its in streams):
+        raise InputError(f"it must hold {num_agents} agents")
+    return [
+        AgentSnapshot(
+            {name: tensor.numpy() for name, tensor in tensors.items() if name.startswith(f"agent{index}.")}, its
+        )
+        for index, its in enumerate(streams)
+    ]
+
+
+def _evaluation(form: Any) -> AuxiliaryEvaluation:
+    if not isinstance(form, dict) or not isinstance(form.get("p90_by_scenario"), list):
+        raise InputError("its best evaluation is none")
+    evaluation = AuxiliaryEvaluation(**form)
+    checked_number("update", evaluation.update, AT_LEAST_ZERO, whole=True)
+    checked_number("success_rate", evaluation.success_rate, SHARE)
+    for movements in (evaluation.movements_mean, evaluation.movements_p90, *evaluation.p90_by_scenario):
+        checked_number("movements", movements, AT_LEAST_ZERO)
+    return evaluation
 
 
 class TrainingLog:
@@ -172,19 +232,43 @@ class TrainingLog:
     def _forget_after(self, update: int) -> None:
         """Drop what an interrupted run logged after its last checkpoint: it will be made again, but for the faults."""
         if self._path.exists():
-            try:
-                lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
-                whole = [(line, json.loads(line)) for line in lines if line.endswith("\n")]
-                kept = [line for line, entry in whole if entry["update"] <= update or entry["kind"] == "fault"]
-            except (OSError, ValueError, LookupError, TypeError) as error:
-                raise InputError(f"training log {self._path} is damaged: move it away ({error})") from error
-            write_text_atomically(self._path, "".join(kept))
+            with atomic_path(self._path) as temporary, open(temporary, "wb") as kept:
+                for line, entry in _entries(self._path):
+                    if entry["update"] <= update or entry["kind"] == "fault":
+                        kept.write(line)
 
 
 def read_log(folder: Path, kind: str) -> list[dict[str, Any]]:
-    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log."""
-    with open(folder / LOG_FILE, encoding="utf-8") as file:
-        return [line for line in map(json.loads, file) if line["kind"] == kind]
+    """The lines of one kind ("chase", "evaluation", "gradient" or "fault") of a run's log; a killed run's last may be
+    half a line, which is passed over.
+
+    Raises:
+        InputError: there is no log, or it is damaged.
+    """
+    return [entry for _, entry in _entries(folder / LOG_FILE) if entry["kind"] == kind]
+
+
+def _entries(path: Path) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """The whole lines of a log, and what each says.
+
+    Raises:
+        InputError: it cannot be read, or is damaged.
+    """
+    with opened(path, "training log") as file:
+        while (line := file.readline(MOST_LINE_BYTES)).endswith(b"\n"):
+            yield line, _entry(path, line)
+        if len(line) == MOST_LINE_BYTES:
+            raise InputError(f"training log {path} is damaged: move it away (a line without end)")
+
+
+def _entry(path: Path, line: bytes) -> dict[str, Any]:
+    try:
+        entry = parsed_json(line, LINE_BOUNDS)
+    except DocumentError as error:
+        raise InputError(f"training log {path} is damaged: move it away ({error})") from None
+    if not isinstance(entry, dict) or not isinstance(entry.get("update"), int) or "kind" not in entry:
+        raise InputError(f"training log {path} is damaged: move it away (a line without update or kind)")
+    return entry
 
 
 def _tensorboard(folder: Path, resume_update: int) -> Any:

@@ -19,14 +19,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
 from swarmchase.errors import InputError
-from swarmchase.live.link.messages import Heartbeat, Message, PositionReport, RssiWindow, SetPoint, TrackerMode
+from swarmchase.live.link.messages import (
+    LONGEST_NOTICE,
+    MOST_NOTICES,
+    Heartbeat,
+    Message,
+    Notice,
+    PositionReport,
+    RssiWindow,
+    SetPoint,
+    Severity,
+    TrackerMode,
+    VehicleState,
+)
 from swarmchase.live.link.protocol import Link
 from swarmchase.live.link.rejection import Reason, RejectedError
 
 pytest.importorskip("pymavlink", reason="the MAVLink link needs pymavlink: pip install swarmchase[live]")
 
-from swarmchase.live.link import codec, packet
+from swarmchase.live.link import codec, packet, state_file
 from swarmchase.live.link import timestamps as timestamps_module
 from swarmchase.live.link.codec import ReportDecoder, SetPointDecoder, system_of
 from swarmchase.live.link.dialect import mavlink
@@ -41,7 +54,7 @@ HOUR_NS = 3_600 * 10**9
 
 
 class WallClock:
-    """Real time that stands where it is put."""
+    """Real time that stands where it is put, and the monotonic clock, too: time that has passed, and no step."""
 
     def __init__(self, now_ns: int = NOON_NS) -> None:
         self.now_ns = now_ns
@@ -59,7 +72,7 @@ def position(tracker: int = 0, time_ns: int = 7_000_000_000) -> PositionReport:
 
 
 def heartbeat(tracker: int = 0, time_ns: int = 7_000_000_000) -> Heartbeat:
-    return Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING)
+    return Heartbeat(tracker, time_ns, TrackerMode.FOLLOWING, FLYING)
 
 
 def set_point(tracker: int = 0, time_ns: int = 7_000_000_000, epoch: int = 3_000_000_001) -> SetPoint:
@@ -67,27 +80,35 @@ def set_point(tracker: int = 0, time_ns: int = 7_000_000_000, epoch: int = 3_000
 
 
 REPORTS = (window, position, heartbeat)
+SECOND_NS = 10**9
+MINUTE_NS = 60 * SECOND_NS
+SOON = (NOON_NS - UNIX_TIME_OF_2015_NS) // 10_000 + 100_000
+"""A timestamp a second after noon."""
+
+
+def timestamps_at(wall: Callable[[], int], senders: Sequence[int] = (), path: Path | None = None) -> Timestamps:
+    return Timestamps(senders, path, wall, wall)
 
 
 def tracker_writer(tracker: int = 0, wall: Callable[[], int] = lambda: NOON_NS) -> PacketWriter:
-    return PacketWriter(system_of(tracker), codec.TRACKER_COMPONENT, Timestamps([], None, wall))
+    return PacketWriter(system_of(tracker), codec.TRACKER_COMPONENT, timestamps_at(wall))
 
 
 def controller_writer() -> PacketWriter:
-    return PacketWriter(codec.CONTROLLER_SYSTEM, codec.CONTROLLER_COMPONENT, Timestamps([], None, WallClock()))
+    return PacketWriter(codec.CONTROLLER_SYSTEM, codec.CONTROLLER_COMPONENT, timestamps_at(WallClock()))
 
 
 def controller_reader(keys: dict[int, bytes] | None = None) -> PacketReader:
     """It listens to trackers."""
     listened = dict.fromkeys(range(6)) if keys is None else keys
     peers = [Peer(k, system_of(k), codec.TRACKER_COMPONENT, key) for k, key in listened.items()]
-    return PacketReader(peers, ReportDecoder(), Timestamps([system_of(k) for k in range(6)], None, WallClock()))
+    return PacketReader(peers, ReportDecoder(), timestamps_at(WallClock(), [system_of(k) for k in range(6)]))
 
 
 def tracker_reader(tracker: int) -> PacketReader:
     """It listens to the controller."""
     peer = Peer(tracker, codec.CONTROLLER_SYSTEM, codec.CONTROLLER_COMPONENT, KEYS[tracker])
-    return PacketReader([peer], SetPointDecoder(), Timestamps([peer.system], None, WallClock()))
+    return PacketReader([peer], SetPointDecoder(), timestamps_at(WallClock(), [peer.system]))
 
 
 def read(reader: PacketReader, datagram: bytes) -> Message:
@@ -147,12 +168,16 @@ TRACKERS = st.integers(0, 5)
 LEVELS = st.lists(float32(-200, 50) | st.just(math.nan), min_size=1, max_size=50).map(tuple)
 WINDOWS = st.tuples(TRACKERS, whole(2**63 // 1000, 1000), float32(0.125, 10_000), LEVELS)
 POSITIONS = st.tuples(TRACKERS, whole(2**32, 10**6), vectors(100_000), vectors(200))
-HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode))
+VEHICLES = st.builds(VehicleState, st.booleans(), st.sampled_from([None, False, True]), st.booleans())
+HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode), VEHICLES)
+LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=LONGEST_NOTICE)
+NOTICES = st.tuples(TRACKERS, st.integers(1, MOST_NOTICES), st.sampled_from(Severity), LINES)
 SET_POINTS = st.tuples(TRACKERS, whole(2**63 // 10**6, 10**6), whole(2**32), vectors(100_000))
 
 
 @pytest.mark.parametrize(
-    ("kind", "values"), [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS)]
+    ("kind", "values"),
+    [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS), (Notice, NOTICES)],
 )
 @given(data=st.data())
 def test_a_report_comes_back_as_it_was_sent(
@@ -287,6 +312,7 @@ DROPPED = {
     "speaks for another": ("wrong key", signed(rssi_fields(), 1, system=system_of(0))),
     "no key": ("wrong key", tracker_writer(0).datagram(window(0), bytes(32))),
     "signed yesterday": ("too old", signed(rssi_fields(), timestamp=1)),
+    "signed in 2037": ("too far ahead", signed(rssi_fields(), timestamp=2**46)),
     "another array": ("wrong layout", signed(rssi_fields(name=b"spectrum"))),
     "another layout": ("wrong layout", signed(rssi_fields(array_id=2))),
     "no samples": ("refused value", signed(rssi_fields(data1=0.0))),
@@ -295,8 +321,6 @@ DROPPED = {
     "NaN samples": ("refused value", signed(rssi_fields(data1=math.nan))),
     "infinitely many samples": ("refused value", signed(rssi_fields(data1=math.inf))),
     "no rate": ("refused value", signed(rssi_fields(data0=math.nan))),
-    "an absurd level": ("refused value", signed(rssi_fields(data8=51.0))),
-    "an infinite level": ("refused value", signed(rssi_fields(data8=-math.inf))),
     "after the end of time": ("refused value", signed(rssi_fields(time_usec=2**64 - 1))),
     "nowhere": ("refused value", signed(position_fields(math.nan, 0, 0, 0, 0, 0))),
     "too far": ("refused value", signed(position_fields(0, 0, 100_001, 0, 0, 0))),
@@ -304,6 +328,14 @@ DROPPED = {
     "no mode": ("refused value", signed(mavlink.MAVLink_heartbeat_message(18, 8, 1, 0, 4, 3))),
     "two modes": ("refused value", signed(mavlink.MAVLink_heartbeat_message(18, 8, 8 | 64, 0, 4, 3))),
 }
+
+
+@pytest.mark.parametrize("level_dbm", [0.0, 51.0, 127.0, -math.inf, math.nan])
+def test_what_is_no_level_costs_a_window_that_sample_alone(level_dbm: float) -> None:
+    """It is decided where the window is taken in."""
+    heard = read(controller_reader(KEYS), signed(rssi_fields(data1=3.0, data9=level_dbm, data10=-61.0)))
+    assert isinstance(heard, RssiWindow)
+    assert repr(heard.rssi_dbm) == repr((-60.0, level_dbm, -61.0))
 
 
 @pytest.mark.parametrize(("expected", "datagram"), DROPPED.values(), ids=DROPPED.keys())
@@ -333,7 +365,7 @@ def test_what_a_tracker_drops(expected: str, changes: dict[str, float]) -> None:
     reader = tracker_reader(0)
     sender = {"system": 255, "component": codec.CONTROLLER_COMPONENT}
     assert reason(reader, signed(set_point_fields(**changes), **sender)) == expected
-    later = signed(set_point_fields(), timestamp=2**47, **sender)
+    later = signed(set_point_fields(), timestamp=SOON, **sender)
     assert read(reader, later) == set_point()
     assert reason(reader, changed(later, 20, later[20] ^ 1)) == "bad checksum"
 
@@ -457,7 +489,7 @@ def test_the_mutations_reach_every_reason_and_every_message() -> None:
     """Else the two tests above would say little."""
     outcomes = Counter(outcome(random.Random(seed)) for seed in range(4000))
     missing = {*map(str, Reason), "RssiWindow", "PositionReport", "Heartbeat", "SetPoint"} - set(outcomes)
-    assert missing == {"overflow", "replayed", "too old"}  # these need time, or many packets
+    assert missing == {"overflow", "replayed", "too old", "too far ahead"}  # these need time, or many packets
 
 
 # Real sockets on 127.0.0.1.
@@ -471,6 +503,7 @@ class Ends:
 
     def controller(self, keys: dict[int, bytes] | None = KEYS, **options: Any) -> ControllerMavlinkLink:
         options.setdefault("wall_time_ns", WallClock())
+        options.setdefault("monotonic_ns", options["wall_time_ns"])
         self.opened.append(ControllerMavlinkLink("127.0.0.1", 0, keys, **options))
         return self.opened[-1]
 
@@ -478,6 +511,7 @@ class Ends:
         self, controller: ControllerMavlinkLink, number: int = 0, key: bytes | None = None, **options: Any
     ) -> TrackerMavlinkLink:
         options.setdefault("wall_time_ns", WallClock())
+        options.setdefault("monotonic_ns", options["wall_time_ns"])
         key = None if options.get("unsigned") else (key or KEYS[number])
         self.opened.append(TrackerMavlinkLink(number, *controller.address, key, **options))
         return self.opened[-1]
@@ -534,10 +568,10 @@ def test_six_trackers_and_a_controller(ends: Ends) -> None:
 def test_only_an_accepted_packet_tells_where_a_tracker_is(ends: Ends) -> None:
     controller, attacker = ends.controller(), ends.attacker()
     tracker = ends.tracker(controller)
-    genuine = tracker_writer(wall=lambda: NOON_NS + HOUR_NS).datagram(heartbeat(), KEYS[0])
+    genuine = tracker_writer(wall=lambda: NOON_NS + SECOND_NS).datagram(heartbeat(), KEYS[0])
     tracker.send(heartbeat())
     received(controller, 1)
-    wrong_value = signed(position_fields(math.nan, 0, 0, 0, 0, 0), timestamp=2**47)
+    wrong_value = signed(position_fields(math.nan, 0, 0, 0, 0, 0), timestamp=SOON)
     for forged in (tracker_writer().datagram(heartbeat(), KEYS[1]), UNSIGNED, wrong_value, genuine[:-1]):
         attacker.sendto(forged, controller.address)
     assert received(controller, 4) == []
@@ -545,7 +579,7 @@ def test_only_an_accepted_packet_tells_where_a_tracker_is(ends: Ends) -> None:
     controller.send(set_point())
     assert received(tracker, 1) == [set_point()]
     # A tracker that dials anew, from another port, is answered there.
-    attacker.sendto(signed(codec.to_mavlink(heartbeat()), timestamp=2**47 + 1), controller.address)
+    attacker.sendto(signed(codec.to_mavlink(heartbeat()), timestamp=SOON + 1), controller.address)
     assert received(controller, 1) == [heartbeat()]
     controller.send(set_point())
     attacker.settimeout(5)
@@ -570,7 +604,7 @@ def test_trackers_believe_the_key_and_not_the_address(ends: Ends) -> None:
 
 def test_a_recording_played_back_is_rejected(ends: Ends) -> None:
     controller, attacker = ends.controller(), ends.attacker()
-    writer = tracker_writer(wall=lambda: NOON_NS + HOUR_NS)
+    writer = tracker_writer(wall=lambda: NOON_NS + SECOND_NS)
     recording = [writer.datagram(heartbeat(), KEYS[0]) for _ in range(20)]
     for datagram in recording:
         attacker.sendto(datagram, controller.address)
@@ -583,10 +617,10 @@ def test_a_recording_played_back_is_rejected(ends: Ends) -> None:
 
 @pytest.mark.parametrize("has_state", [True, False])
 def test_no_replay_after_a_restart(ends: Ends, tmp_path: Path, has_state: bool) -> None:
-    """With the state file not even of a tracker whose clock is an hour ahead."""
+    """With the state file not even of a tracker whose clock is almost a minute ahead."""
     wall = WallClock()
     path = tmp_path / "state" if has_state else None
-    tracker_wall = WallClock(NOON_NS + (HOUR_NS if has_state else 0))
+    tracker_wall = WallClock(NOON_NS + (MINUTE_NS - SECOND_NS if has_state else 0))
     writer = tracker_writer(wall=tracker_wall)
     recording = [writer.datagram(heartbeat(), KEYS[0]) for _ in range(20)]
     controller, attacker = ends.controller(state_path=path, wall_time_ns=wall), ends.attacker()
@@ -627,7 +661,7 @@ def test_a_killed_process_has_remembered(tmp_path: Path) -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program, str(path)], check=False, timeout=60)
     assert ended.returncode == -signal.SIGKILL
-    timestamps = Timestamps([1, 2], path, lambda: 0)
+    timestamps = timestamps_at(lambda: 0, [1, 2], path)
     with pytest.raises(RejectedError, match="replayed"):
         timestamps.accept(2, 123456)
     timestamps.accept(2, 123457)
@@ -636,22 +670,31 @@ def test_a_killed_process_has_remembered(tmp_path: Path) -> None:
     timestamps.close()
 
 
-def test_what_is_sent_rises_whatever_the_clock_does(tmp_path: Path) -> None:
+def test_what_is_sent_rises_though_the_clock_is_put_back(tmp_path: Path) -> None:
+    """By more than a minute, nobody accepts it any more: then it is real time again."""
     wall = WallClock()
     sent = []
-    for step_ns in (0, 10**9, -HOUR_NS, -(10**18), 2 * HOUR_NS):
+    for step_ns in (0, SECOND_NS, -SECOND_NS, 2 * HOUR_NS):
         wall.now_ns += step_ns
-        timestamps = Timestamps([255], tmp_path / "state", wall)
+        timestamps = timestamps_at(wall, [255], tmp_path / "state")
         sent += [timestamps.next_to_send() for _ in range(3)]
+        wall.now_ns -= MINUTE_NS // 2
+        sent += [timestamps.next_to_send() for _ in range(3)]
+        wall.now_ns += MINUTE_NS // 2
         timestamps.close()
     assert sent == sorted(set(sent))
     noon = (NOON_NS - UNIX_TIME_OF_2015_NS) // 10_000
-    assert sent[:4] == [noon, noon + 1, noon + 2, noon + 100_000]
+    assert sent[:7] == [*range(noon, noon + 6), noon + 100_000]
+    wall.now_ns = NOON_NS
+    timestamps = timestamps_at(wall, [255])
+    assert timestamps.next_to_send() == noon
+    wall.now_ns -= MINUTE_NS + SECOND_NS
+    assert timestamps.next_to_send() == noon - 61 * 100_000
 
 
 def test_a_clock_that_is_put_right_does_not_keep_trackers_out() -> None:
     wall = WallClock(NOON_NS + HOUR_NS)
-    timestamps = Timestamps([1], None, wall)
+    timestamps = timestamps_at(wall, [1])
     now = (NOON_NS - UNIX_TIME_OF_2015_NS) // 10_000
     with pytest.raises(RejectedError, match="too old"):
         timestamps.accept(1, now)
@@ -663,21 +706,21 @@ def test_a_clock_that_is_put_right_does_not_keep_trackers_out() -> None:
 
 def test_the_state_file(tmp_path: Path) -> None:
     path = tmp_path / "state"
-    timestamps = Timestamps([1, 2], path, WallClock())
+    timestamps = timestamps_at(WallClock(), [1, 2], path)
     with pytest.raises(InputError, match="in use by another process"):
-        Timestamps([1, 2], path, WallClock())
+        timestamps_at(WallClock(), [1, 2], path)
     timestamps.close()
     timestamps.close()
     copy = tmp_path / "copy"
     shutil.copy(path, copy)
     with pytest.raises(InputError, match="broken or of another end"):
-        Timestamps([255], copy, WallClock())
+        timestamps_at(WallClock(), [255], copy)
     for content in (b"", b"\xff\xfe" * 40, path.read_bytes()[:-1], path.read_bytes() + b"1"):
         copy.write_bytes(content)
         with pytest.raises(InputError, match="broken or of another end"):
-            Timestamps([1, 2], copy, WallClock())
+            timestamps_at(WallClock(), [1, 2], copy)
     with pytest.raises(InputError, match="state"):
-        Timestamps([1], tmp_path, WallClock())
+        timestamps_at(WallClock(), [1], tmp_path)
 
 
 def test_a_state_file_that_cannot_be_written_is_counted_and_does_not_stop_the_flight(
@@ -689,7 +732,7 @@ def test_a_state_file_that_cannot_be_written_is_counted_and_does_not_stop_the_fl
     def full(*_: Any) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(timestamps_module.os, "pwrite", full)
+    monkeypatch.setattr(state_file.os, "pwrite", full)
     tracker.send(heartbeat())
     assert received(controller, 1) == [heartbeat()]
     assert controller.state_errors == 1
@@ -702,7 +745,7 @@ def test_a_flood_in_one_name_crowds_out_nobody_else(ends: Ends) -> None:
     for _ in range(100):
         attacker.sendto(forged, controller.address)
     quiet.send(heartbeat(4))
-    genuine = signed(codec.to_mavlink(heartbeat(1)), 1, timestamp=2**47)
+    genuine = signed(codec.to_mavlink(heartbeat(1)), 1, timestamp=SOON)
     attacker.sendto(genuine, controller.address)
     heard = received(controller, 102)
     assert heard == [heartbeat(4), heartbeat(1)], "and of the loud one the newest wins"
@@ -865,7 +908,8 @@ DOCS_KEY = bytes(range(32))
 DOCS_EXAMPLES: dict[str, Message] = {
     "RssiWindow": RssiWindow(0, 7_000_000_000, 10.0, (-61.5, -60.25)),
     "PositionReport": PositionReport(0, 7_000_000_000, (1.5, -2.0, 30.25), (0.5, 0.25, -1.0)),
-    "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING),
+    "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING, FLYING),
+    "Notice": Notice(0, 3, Severity.WARNING, "PreArm: Compass not calibrated"),
     "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0)),
 }
 
@@ -895,7 +939,7 @@ def test_docs_message_map(name: str) -> None:
     datagram = writer.datagram(example, DOCS_KEY)
     assert "".join(section.split("```")[1].split()) == datagram.hex(), "the packet"
     fields = mavlink.MAVLink(None).decode(bytearray(datagram))
-    assert section.splitlines()[0].startswith(f"### `{name}`: {fields.get_type()} ({fields.id}), ")
+    assert section.splitlines()[0].startswith(f"### `{name}`: {fields.get_type()} ({fields.get_msgId()}), ")
     rows = [row for row in docs_rows(section) if len(row) == 4]
     types = dict(zip(fields.fieldnames, fields.fieldtypes, strict=True))
     assert list(dict.fromkeys(row[0].split("[")[0] for row in rows)) == fields.fieldnames
@@ -912,6 +956,20 @@ def test_docs_message_map(name: str) -> None:
         else:
             assert str(held if isinstance(held, str) else f"{held:.10g}") == value, field
     assert places == list(range(len(fields.data) if name == "RssiWindow" else 0))
+
+
+def test_docs_vehicle() -> None:
+    rows = [row for row in docs_rows(docs_section("`Heartbeat`")) if len(row) == 2]
+    states, flags = mavlink.enums["MAV_STATE"], mavlink.enums["MAV_MODE_FLAG"]
+    airborne = {None: "unknown", False: "on the ground", True: "in the air"}
+    assert rows == [
+        [f"`base_mode`, {codec.ARMED_FLAG} ({flags[codec.ARMED_FLAG].name})".strip("`"), "armed"],
+        [f"`base_mode`, {codec.SIMULATED_FLAG} ({flags[codec.SIMULATED_FLAG].name})".strip("`"), "simulated"],
+        *(
+            [f"`system_status`, {state} ({states[state].name})".strip("`"), airborne[is_airborne]]
+            for is_airborne, state in codec.AIRBORNE_STATES.items()
+        ),
+    ]
 
 
 def test_docs_modes() -> None:

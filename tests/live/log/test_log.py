@@ -37,11 +37,14 @@ from swarmchase.controllers import load_controller
 from swarmchase.controllers.protocol import Controller
 from swarmchase.errors import InputError
 from swarmchase.formation import Action
+from swarmchase.live.alarms import Alarm, Severity
+from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame, frame_of
 from swarmchase.live.log import recorder as recorder_module
 from swarmchase.live.log import verification as verification_module
 from swarmchase.live.log.entries import (
     DECISION_TOPIC,
+    EVENT_TOPIC,
     FORMS,
     FRAME_TOPIC,
     HEAD_TOPIC,
@@ -53,6 +56,7 @@ from swarmchase.live.log.entries import (
     TransitionForm,
     decision_form,
     decision_of,
+    event_form,
     from_json,
     head_form,
     head_of,
@@ -98,9 +102,16 @@ def a_decision(number: int = 1, scenario: Scenario = SHORT, spacing_m: float = 3
 def a_frame(number: int = 0) -> Frame:
     bench = Bench()
     bench.run_until(ChaseState.MOVING)
-    frame = frame_of(bench.service.snapshot(), 0, [(10.0, -20.0, 30.0)], [0.1] * 5 + [None], Counter(), 0.001, [])
+    events = Events(lambda _snapshot: [Alarm("log", "the log has lost 3 frames")])
+    snapshot = bench.service.snapshot()
+    events(snapshot)
+    frame = frame_of(snapshot, 0, [(10.0, -20.0, 30.0)], [0.1] * 5 + [None], Counter(), 0.001, events)
     frame["time_s"] = float(number)
     return frame
+
+
+def an_event(number: int = 0) -> Event:
+    return Event(BEGAN_NS + number, Severity.CRITICAL, "tracker 3 is lost")
 
 
 def bits(decision: Decision) -> tuple[Any, ...]:
@@ -110,7 +121,7 @@ def bits(decision: Decision) -> tuple[Any, ...]:
     return decision.time_ns, decision.movement, decision.changed, decision.rssi_dbm.shape, text
 
 
-def written(path: Path, head: LogHead, items: Sequence[Transition | Decision | Frame]) -> Path:
+def written(path: Path, head: LogHead, items: Sequence[Transition | Decision | Event | Frame]) -> Path:
     """A log that was ended as it should be."""
     with ChaseRecorder(path, head) as recorder:
         for item in items:
@@ -159,10 +170,12 @@ def test_a_head_is_kept() -> None:
 def test_a_log_holds_what_was_recorded_in_its_order(tmp_path: Path) -> None:
     head, frames = head_for(), [a_frame(0), a_frame(2)]
     items = [a_transition(0), frames[0], a_decision(1), a_transition(1, "movement 1"), frames[1], a_decision(3)]
+    items += [an_event(5), an_event(6)]
     recording = read_recording(written(tmp_path / "new" / "chase.mcap", head, items))
     assert recording.head == head
     assert recording.transitions == (items[0], items[3])
     assert list(map(bits, recording.decisions)) == [bits(a_decision(1)), bits(a_decision(3))]
+    assert recording.events == (an_event(5), an_event(6))
     assert list(recording.frames()) == list(recording.frames()) == frames
     assert (recording.num_frames, recording.seconds, recording.movements) == (2, 3.0, 3)
     assert (recording.state, recording.reason) == (ChaseState.SAMPLING, "movement 1")
@@ -179,7 +192,7 @@ def test_stock_tools_read_it_and_every_message_is_of_its_schema(tmp_path: Path) 
     head = head_for()
     broken = dataclasses.replace(a_decision(2), spacing_m=math.nan, displacement_m=(math.inf, -math.inf, 0.0))
     broken.rssi_dbm[1, 3] = math.nan
-    path = written(tmp_path / "chase.mcap", head, [a_transition(), a_frame(5), a_decision(1), broken])
+    path = written(tmp_path / "chase.mcap", head, [a_transition(), a_frame(5), a_decision(1), broken, an_event()])
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
@@ -208,7 +221,7 @@ def test_stock_tools_read_it_and_every_message_is_of_its_schema(tmp_path: Path) 
         assert any(
             isinstance(record, Chunk) for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records
         )
-    assert seen == {HEAD_TOPIC: 1, TRANSITION_TOPIC: 1, FRAME_TOPIC: 1, DECISION_TOPIC: 2}
+    assert seen == {HEAD_TOPIC: 1, TRANSITION_TOPIC: 1, FRAME_TOPIC: 1, DECISION_TOPIC: 2, EVENT_TOPIC: 1}
 
 
 def test_schemas_name_only_what_foxglove_and_lichtblick_take(tmp_path: Path) -> None:
@@ -417,7 +430,8 @@ def changed_head(**changes: Any) -> bytes:
         (HEAD_TOPIC, b"\xff", "a message is no JSON"),
         (HEAD_TOPIC, b"[" * 200_000, "a message is no JSON"),
         (HEAD_TOPIC, b"9" * 5_000, "a message is no JSON"),
-        (HEAD_TOPIC, changed_head(layout=2), "its layout is 2; this version reads 1"),
+        (HEAD_TOPIC, changed_head(layout=3), "its layout is 3; this version reads 1 to 2"),
+        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 2"),
         (HEAD_TOPIC, changed_head(scenario={"window_samples": -1}), "window_samples = -1 is refused"),
         (HEAD_TOPIC, changed_head(scenario={"gravity": 9.81}), "scenario has no field 'gravity'"),
         (HEAD_TOPIC, changed_head(limits={"mood": 1.0}), "there is no limit 'mood'"),
@@ -443,12 +457,19 @@ def test_another_file_is_refused_in_one_line(topic: str, data: bytes, words: str
         (DECISION_TOPIC, {"tracker_position_m": []}, "tracker_position_m of a decision is not of the shape [2, 6, 3]"),
         (DECISION_TOPIC, {"displacement_m": [1.0]}, "displacement_m of a decision is not of the shape [3]"),
         (DECISION_TOPIC, {"spacing_m": "wide"}, "a message is no DecisionForm"),
+        (EVENT_TOPIC, {"severity": "grave"}, "an event is refused: 'grave' is not a valid Severity"),
+        (EVENT_TOPIC, {"text": None}, "a message is no EventForm"),
     ],
 )
 def test_an_entry_of_another_form_is_refused(
     topic: str, change: dict[str, Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good: Any = transition_form(a_transition()) if topic == TRANSITION_TOPIC else decision_form(a_decision())
+    forms: dict[str, Any] = {
+        TRANSITION_TOPIC: transition_form(a_transition()),
+        DECISION_TOPIC: decision_form(a_decision()),
+        EVENT_TOPIC: event_form(an_event()),
+    }
+    good = forms[topic]
     path = tmp_path / "chase.mcap"
     with new_log_file(path) as file:
         log = LogFile(file, head_for())
@@ -462,6 +483,28 @@ def test_a_frame_of_another_form_is_refused_when_it_is_read(tmp_path: Path) -> N
     path = written(tmp_path / "chase.mcap", head_for(), [Frame(**{**a_frame(), "state": None})])
     with pytest.raises(InputError, match="a message is no Frame"):
         list(read_recording(path).frames())
+
+
+def test_a_log_of_the_layout_before_is_read() -> None:
+    """Of version 0.3.0: 8 s of a simulated chase, in which a receiver falls silent."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-1.mcap")
+    assert (recording.layout, recording.state.value, recording.events) == (1, "moving", ())
+    assert len(recording.decisions) == recording.movements > 1
+    frames = list(recording.frames())
+    assert len(frames) == recording.num_frames > 50
+    first, last = frames[0], frames[-1]
+    assert last["alarms"] == [
+        {
+            "text": "the log has lost 3 frames and 0 transitions and decisions",
+            "severity": "warning",
+            "tracker": None,
+        }
+    ]
+    assert (first["estimate"], last["events"], last["preflight"], last["ended_s"]) == (None, [], [], None)
+    assert last["estimate"] is not None
+    assert last["estimate"]["radius_m"] is None  # of one point
+    assert [tracker["condition"] for tracker in last["trackers"]] == ["there", "there", "silent", *["there"] * 3]
+    assert {tracker["left_out"] for tracker in last["trackers"]} == {""}
 
 
 @pytest.mark.parametrize(
@@ -597,7 +640,8 @@ while recorder.failure is None:
 recorder.record(a_transition())
 recorder.record_frame(frame)
 recorder.close()
-print(json.dumps([told, recorder.failure, recorder.lost_entries, recorder.lost_frames, recorder.alarms]))
+alarms = [alarm.text for alarm in recorder.alarms]
+print(json.dumps([told, recorder.failure, recorder.lost_entries, recorder.lost_frames, alarms]))
 """
 
 
@@ -608,7 +652,7 @@ def test_a_disk_that_gets_full_is_an_alarm_and_no_more(tmp_path: Path) -> None:
     assert (ran.returncode, ran.stderr) == (0, "")
     told, failure, lost_entries, lost_frames, alarms = json.loads(ran.stdout)
     assert failure == "cannot write the log: File too large"
-    assert alarms == [f"{failure}; 1 frames and {lost_entries} transitions and decisions are lost"]
+    assert alarms == [f"{failure}; 1 frames and {lost_entries} transitions, decisions and events are lost"]
     recording = read_recording(path)
     assert recording.is_cut
     assert 0 < len(recording.decisions) == told + 1 - lost_entries
@@ -653,7 +697,9 @@ def test_on_a_slow_disk_frames_are_lost_first_and_nobody_waits(slow_file: SlowFi
     for _ in range(7):
         recorder.record(a_transition())
     assert (recorder.lost_frames, recorder.lost_entries, recorder.failure) == (50, 7, None)
-    assert recorder.alarms == ["the log has lost 50 frames and 7 transitions and decisions"]
+    assert [alarm.text for alarm in recorder.alarms] == [
+        "the log has lost 50 frames and 7 transitions, decisions and events"
+    ]
     slow_file.answers.set()
     recorder.close()
     assert recorder.failure is None
@@ -662,7 +708,7 @@ def test_on_a_slow_disk_frames_are_lost_first_and_nobody_waits(slow_file: SlowFi
     assert recording.num_frames == MOST_WAITING_FRAMES
     told = range(MOST_WAITING - MOST_WAITING_FRAMES + 1)
     assert [transition.time_ns for transition in recording.transitions] == [BEGAN_NS + number for number in told]
-    assert verify(recording).doubts == ("the recorder has lost 7 transitions and decisions",)
+    assert verify(recording).doubts == ("the recorder has lost 7 transitions, decisions and events",)
 
 
 def test_a_disk_that_never_answers_does_not_keep_the_process(
@@ -849,7 +895,8 @@ def replayed(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str,
 
 
 def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = written(tmp_path / "chase.mcap", head_for("particle"), [a_transition(), *asked("particle", 3), a_frame(9)])
+    items = [a_transition(), *asked("particle", 3), a_frame(9), an_event(4 * 10**9)]
+    path = written(tmp_path / "chase.mcap", head_for("particle"), items)
     code, out, err = replayed(str(path), "--json", "--verify", capsys=capsys)
     document = json.loads(out)
     expected = {
@@ -863,6 +910,7 @@ def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFi
         "seconds": 9.0,
         "transitions": 1,
         "decisions": 3,
+        "events": [{"time_ns": BEGAN_NS + 4 * 10**9, "severity": "critical", "text": "tracker 3 is lost"}],
         "frames": 1,
         "is_cut": False,
         "is_same": True,
@@ -871,6 +919,7 @@ def test_replay_prints_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFi
     }
     assert (code, {name: document[name] for name in expected}) == (0, expected)
     assert "All 3 decisions are the same, bit for bit." in err
+    assert "    4.0 s  tracker 3 is lost" in err
 
 
 def test_replay_tells_of_a_different_action_by_its_exit_code(

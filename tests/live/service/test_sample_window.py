@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
+from swarmchase.levels import NoLevel
 from swarmchase.live.link.messages import Heartbeat, PositionReport, RssiWindow, TrackerMode
 from swarmchase.live.service.sample_window import ClockOffset, SampleWindow
 from swarmchase.live.service.tracker_record import MOST_POSITIONS, TrackerRecord
@@ -35,7 +37,7 @@ def message(first: int, last: int, start_ns: int = START_NS, tracker: int = 0) -
 
 
 def window_of(messages: Sequence[RssiWindow], since_ns: int = START_NS, samples: int = 10) -> np.ndarray:
-    window = SampleWindow(10.0, samples)
+    window = SampleWindow(paper_scenario(sampling_hz=10, window_samples=samples))
     for one in messages:
         window.add(one)
     return window.window(since_ns)[0]
@@ -47,7 +49,7 @@ def same(one: np.ndarray, other: np.ndarray) -> bool:
 
 def test_by_hand() -> None:
     """Two messages that overlap, and a gap between them and a third."""
-    window = SampleWindow(10.0, 10)
+    window = SampleWindow(SCENARIO)
     window.add(message(0, 2))
     window.add(message(1, 4))
     window.add(message(7, 8))
@@ -81,7 +83,7 @@ def test_any_order_with_repetitions_and_losses_gives_the_same_window(data: st.Da
 @given(st.data())
 def test_even_contradictory_samples_give_the_same_window_in_any_order(data: st.DataObject) -> None:
     """Off the grid, at other rates, with other levels for the same moment."""
-    level = st.one_of(st.just(math.nan), st.floats(-200, 50))
+    level = st.one_of(st.just(math.nan), st.floats(-200, 50), st.sampled_from([0.0, 17.0, 31.0, math.inf]))
     drawn = data.draw(
         st.lists(
             st.tuples(
@@ -105,6 +107,37 @@ def test_a_number_replaces_a_missing_sample_and_never_the_other_way_round() -> N
         assert window_of(order)[0] == -60
 
 
+def test_of_two_levels_for_one_moment_the_one_that_was_sent_later_stays() -> None:
+    """A receiver faster than F: its tracker puts a later sample in the place of an earlier one, and sends both."""
+    early = RssiWindow(0, taken_ns(1), 10.0, (-60.0, -61.0))
+    later = RssiWindow(0, taken_ns(2), 10.0, (-60.0, -66.0, -62.0))
+    for order in ([early, later], [later, early], [early, later, early]):
+        assert window_of(order)[:3].tolist() == [-60, -66, -62]
+
+
+def test_what_is_no_level_of_the_transmitter_is_missing_and_counts_once_however_often_it_is_repeated() -> None:
+    window = SampleWindow(SCENARIO)
+    garbage = (-60.0, 0.0, 17.0, -62.0, math.inf, 121.0, -63.0, -40.5, -64.0, math.nan)
+    for last in range(1, 11):
+        window.add(RssiWindow(0, taken_ns(last - 1), 10.0, garbage[:last]))
+        window.add(RssiWindow(0, taken_ns(last - 1), 10.0, garbage[:last]))
+    nan = math.nan
+    assert same(window.window(START_NS)[0], np.array([-60, nan, nan, -62, nan, nan, -63, -40.5, -64, nan]))
+    assert window.dropped == {NoLevel.ERROR_VALUE: 1, NoLevel.TOO_STRONG: 1, NoLevel.OUT_OF_RANGE: 2}
+    assert window.newest_valid_ns == taken_ns(8)
+
+
+def test_a_wild_sample_is_missing_and_counts_once_however_often_the_window_is_asked_for() -> None:
+    window = SampleWindow(SCENARIO)
+    window.add(RssiWindow(0, taken_ns(9), 10.0, (-60.0, -61.0, -20.0, -62.0, *(-60.0,) * 6)))
+    for _ in range(3):
+        assert np.flatnonzero(np.isnan(window.window(START_NS)[0])).tolist() == [2]
+    assert window.dropped == {NoLevel.WILD: 1}
+    window.add(RssiWindow(0, taken_ns(11), 10.0, (-15.0, -61.0)))
+    assert np.flatnonzero(np.isnan(window.window(taken_ns(2))[0])).tolist() == [0, 8]
+    assert window.dropped == {NoLevel.WILD: 2}
+
+
 @pytest.mark.parametrize("phase_ns", [0, 1, 30_000_000, 49_999_999, 50_000_000, 70_000_000, 99_999_999])
 def test_the_window_begins_with_the_first_sample_at_or_after_the_moment(phase_ns: int) -> None:
     """Wherever in its cell a tracker's grid lies."""
@@ -122,7 +155,7 @@ def test_a_tracker_that_samples_faster_is_thinned_out() -> None:
 
 
 def test_samples_that_come_too_late_do_not_harm_those_that_took_their_place() -> None:
-    window = SampleWindow(10.0, 10)
+    window = SampleWindow(SCENARIO)
     room = 2 * 10 + 50
     window.add(message(room, room + 9))
     window.add(message(0, 9))
@@ -180,7 +213,7 @@ class Tracker:
             self.record.hear(one, self.now_ns + self.delay_ns)
 
     def lives(self, mode: TrackerMode = TrackerMode.FOLLOWING) -> Heartbeat:
-        return Heartbeat(0, self.own_ns, mode)
+        return Heartbeat(0, self.own_ns, mode, FLYING)
 
     def is_at(self, *position_m: float | int) -> PositionReport:
         x_m, y_m, z_m = map(float, position_m)
@@ -321,7 +354,7 @@ def test_no_dates_break_a_record(said: list[tuple[int, int, str]]) -> None:
             {
                 "rssi": RssiWindow(0, sender_ns, 0.1, (-50.0, math.nan, -51.0)),
                 "position": PositionReport(0, sender_ns, (1.0, 2.0, 3.0)),
-                "heartbeat": Heartbeat(0, sender_ns, TrackerMode.FOLLOWING),
+                "heartbeat": Heartbeat(0, sender_ns, TrackerMode.FOLLOWING, FLYING),
             }[kind],
             now_ns,
         )

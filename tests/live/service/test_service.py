@@ -88,9 +88,12 @@ def test_before_the_start_it_listens_and_commands_nobody() -> None:
     assert bench.service.snapshot().trackers[3].rssi_dbm == (-63.0,) * 10
 
 
-def test_set_points_are_streamed_in_every_step_from_the_first_report_on() -> None:
+def test_set_points_are_streamed_in_every_step_once_it_is_known_who_agrees() -> None:
     """They are the proof of life, dated and with the epoch."""
     bench = Bench()
+    while bench.service.state is CONNECTING:
+        assert bench.told() == []
+        bench.step()
     for _ in range(200):
         bench.step()
         assert bench.told() == [0, 1, 2, 3, 4, 5]
@@ -147,6 +150,21 @@ def test_with_perfect_trackers_a_live_chase_is_the_evaluated_one(name: str, chan
 
 
 # Trackers that are missing, silent, lost or flown by somebody else
+
+
+def says_that_it_is_off(tracker: FakeTracker, off_m: list[float]) -> None:
+    """From now on it reports places that are so far from where it is."""
+    x_m, y_m, z_m = off_m
+
+    def moved(said: Message) -> Message:
+        if not isinstance(said, PositionReport):
+            return said
+        at_x_m, at_y_m, at_z_m = said.position_m
+        return dataclasses.replace(said, position_m=(at_x_m + x_m, at_y_m + y_m, at_z_m + z_m))
+
+    tracker.reports = lambda now_ns, sampling_hz: [  # type: ignore[method-assign]
+        moved(said) for said in FakeTracker.reports(tracker, now_ns, sampling_hz)
+    ]
 
 
 def test_it_waits_for_enough_trackers_and_then_a_while_for_the_others() -> None:
@@ -253,7 +271,7 @@ def test_a_lost_tracker_that_comes_back_is_commanded_from_where_it_is() -> None:
     bench.run_until(MOVING)
     away = bench.trackers[4]
     away.is_alive = False
-    bench.run(2)
+    bench.run(3)
     away.position_m = away.target_m = CENTER_M + np.array([0.0, 0, 60])
     away.is_alive = True
     bench.step()
@@ -262,6 +280,22 @@ def test_a_lost_tracker_that_comes_back_is_commanded_from_where_it_is() -> None:
     place_m = np.array(bench.service.snapshot().center_m) + np.array([0, 0, 3])
     bench.run_until(SAMPLING)
     assert np.linalg.norm(away.position_m - place_m) < 5
+
+
+def test_a_lost_tracker_that_comes_back_with_another_origin_is_left_behind() -> None:
+    bench = Bench()
+    bench.run_until(MOVING)
+    away = bench.trackers[4]
+    away.is_alive = False
+    bench.run(2)
+    away.is_alive = True
+    says_that_it_is_off(away, [1000.0, 0.0, 0.0])
+    for _ in range(200):
+        bench.step()
+        assert bench.told() == [0, 1, 2, 3, 5]
+    left_out = bench.service.snapshot().trackers[4].left_out
+    assert left_out == "it says that it is 1000.0 m from where it was, further than it can have flown"
+    assert HOLDING not in {state for state, _ in bench.transitions()}
 
 
 def test_a_tracker_flown_by_its_pilot_is_let_go_and_the_others_go_on() -> None:
@@ -318,18 +352,130 @@ def test_a_link_that_is_cut_for_three_seconds(during: ChaseState) -> None:
     assert places_m.mean(axis=0) == pytest.approx(wanted_m, abs=0.1)
 
 
-def test_a_tracker_that_does_not_arrive_is_not_waited_for_for_ever() -> None:
+def test_who_does_not_follow_for_two_movements_is_left_behind_and_waited_for_no_more() -> None:
     bench = Bench()
+    bench.still.displacement_m = [0.0, 2.0, 0.0]
     bench.run_until(MOVING)
     stuck = bench.trackers[5]
     stuck.obey = lambda set_point: None  # type: ignore[method-assign]
     bench.run_until(SAMPLING)
     assert bench.reason == "1 trackers have not arrived in time"
     bench.run_until(MOVING)
-    # The controller is told where it really was, and moves the centre that it thus saw.
+    # The controller is told where it really was; it moves the centre that the others have.
     seen_m = bench.decisions()[-1].tracker_position_m[-1]
     assert seen_m[5].tolist() == (stuck.position_m - CENTER_M).tolist()
-    assert bench.service.snapshot().center_m == pytest.approx(tuple(CENTER_M + seen_m.mean(axis=0) + [0, 4, 0]))
+    assert bench.service.snapshot().center_m == (10, -16, 30)
+    assert bench.service.snapshot().trackers[5].left_out == ""
+    bench.run_until(SAMPLING)
+    assert bench.reason == "1 trackers have not arrived in time"
+    assert bench.service.snapshot().trackers[5].left_out == "it has not followed for 2 movements"
+    bench.run_until(MOVING)
+    assert bench.told() == [0, 1, 2, 3, 4]
+    assert np.isnan(bench.decisions()[-1].rssi_dbm[:, 5]).all()
+    assert bench.decisions()[-1].tracker_position_m[-1].mean(axis=0) == pytest.approx([0, 4, 0])
+    bench.run_until(SAMPLING)
+    assert bench.reason == "arrived"
+
+
+def test_where_nobody_arrives_nobody_is_to_blame() -> None:
+    bench = Bench()
+    bench.run_until(MOVING)
+    for tracker in bench.trackers[:3]:
+        tracker.obey = lambda set_point: None  # type: ignore[method-assign]
+    for _ in range(3):
+        bench.run_until(SAMPLING)
+        bench.run_until(MOVING)
+    assert {tracker.left_out for tracker in bench.service.snapshot().trackers} == {""}
+
+
+@pytest.mark.parametrize("off_m", [6.0, 29.9, 1000.0])
+def test_who_says_before_the_start_that_it_is_elsewhere_is_named_and_not_commanded(off_m: float) -> None:
+    bench = Bench()
+    says_that_it_is_off(bench.trackers[2], [0.0, 0.0, off_m])
+    bench.service.override()
+    assert bench.run_until(SAMPLING) == pytest.approx(bench.settings.connect_wait_s, abs=0.1)
+    assert bench.reason.startswith("5 trackers are there; overridden: tracker 2 ")
+    snapshot = bench.service.snapshot()
+    assert (snapshot.origin_m, snapshot.spacing_m) == (pytest.approx(tuple(CENTER_M)), pytest.approx(5.0))
+    named = f"it says that it is {off_m:.1f} m from where the others say that it must be"
+    assert [tracker.left_out for tracker in snapshot.trackers] == ["", "", named, "", "", ""]
+    bench.step()
+    assert bench.told() == [0, 1, 3, 4, 5]
+
+
+def test_without_a_formation_that_most_agree_on_it_does_not_begin() -> None:
+    """Three of six are elsewhere, each by itself; it begins when one of them has come."""
+    bench = Bench()
+    for number, tracker in enumerate(bench.trackers[:3]):
+        says_that_it_is_off(tracker, [0.0, 20.0 * number, 30.0])
+    bench.run(5)
+    assert bench.service.state is CONNECTING
+    assert {tracker.left_out for tracker in bench.service.snapshot().trackers} == {
+        "no formation fits most of what trackers say"
+    }
+    says_that_it_is_off(bench.trackers[0], [0.0, 0.0, 0.0])
+    bench.service.override()
+    bench.run_until(SAMPLING)
+    assert bench.reason.startswith("4 trackers are there; overridden: tracker 1 place ")
+    assert [bool(tracker.left_out) for tracker in bench.service.snapshot().trackers] == [False, True, True] + 3 * [
+        False
+    ]
+
+
+def test_who_was_astray_for_a_moment_comes_back_and_later_more_slowly() -> None:
+    """Left behind at once; led again after three windows where it was last told to be, counted after three more."""
+    bench = Bench()
+    bench.still.displacement_m = [0.0, 0.0, 0.0]
+    bench.still.spacing_m = 5.0
+    liar, windows = bench.trackers[5], []
+    for _ in range(2):
+        bench.run_until(SAMPLING)
+        bench.run(0.2)
+        says_that_it_is_off(liar, [20.0, 0.0, 0.0])
+        bench.run(0.2)
+        says_that_it_is_off(liar, [0.0, 0.0, 0.0])
+        began = len(bench.decisions())
+        bench.run_until(MOVING)
+        assert "20.0 m from where" in bench.service.snapshot().trackers[5].left_out
+        while bench.service.snapshot().trackers[5].left_out:
+            bench.step()
+        windows.append(len(bench.decisions()) - began)
+    assert windows == [7, 13]
+    assert np.isfinite(bench.decisions()[-1].rssi_dbm).all()
+
+
+@pytest.mark.parametrize("minimum_trackers", [3, 4])
+@pytest.mark.parametrize("lie", ["place", "level"])
+def test_one_of_only_four_that_are_heard_lies(lie: str, minimum_trackers: int) -> None:
+    """It is named all the same. The three that are left go on if the operator has allowed it, and hold if not."""
+    settings = dataclasses.replace(BY_OPERATOR, minimum_trackers=minimum_trackers)
+    bench = Bench(service_settings=settings)
+    bench.trackers[1].hears = bench.trackers[2].hears = False
+    bench.service.override()
+    bench.run_until(MOVING)
+    if lie == "place":
+        says_that_it_is_off(bench.trackers[5], [29.9, 0.0, 0.0])
+    else:
+        bench.level_dbm = lambda tracker, now_ns: -10.0 if tracker.number == 5 else -60.0
+    decided = len(bench.decisions())
+    bench.run(25)
+    named = [number for number, tracker in enumerate(bench.service.snapshot().trackers) if tracker.left_out]
+    assert named == [5]
+    if minimum_trackers == 4:
+        assert (bench.service.state, bench.reason) == (HOLDING, "3 trackers are too few; left out: 5")
+    else:
+        assert HOLDING not in {state for state, _ in bench.transitions()}
+        assert all(np.isnan(one.rssi_dbm[:, 5]).all() for one in bench.decisions()[decided + 1 :])
+
+
+def test_after_the_operator_s_hold_who_was_left_out_counts_again_where_it_was_told_to_be() -> None:
+    bench = Bench(level_dbm=lambda tracker, now_ns: -200.0 if tracker.number == 1 else -60.0)
+    while not bench.service.snapshot().trackers[1].left_out:
+        bench.step()
+    bench.service.hold()
+    bench.step()
+    bench.service.resume()
+    assert bench.service.snapshot().trackers[1].left_out == ""
 
 
 def test_trackers_a_little_beside_their_places_do_not_make_the_formation_wander() -> None:
@@ -487,7 +633,7 @@ def test_abort_tells_all_to_hold_and_then_nothing_any_more(during: ChaseState) -
     if during is IDLE:
         bench.service = bench.new_service(epoch=2)
     if during is CONNECTING:
-        bench.run(0.1)
+        bench.step()
     elif during in {HOLDING, REACHED}:
         bench.run_until(SAMPLING)
         bench.service.hold() if during is HOLDING else bench.service.declare_reached()
@@ -500,7 +646,7 @@ def test_abort_tells_all_to_hold_and_then_nothing_any_more(during: ChaseState) -
         bench.step()
         told.append((bench.told(), [one.position_m for one in bench.link.sent]))
     assert all(one == told[0] for one in told[: round(ABORT_S / STEP_S)])
-    assert told[0][0] == ([] if during is IDLE else [0, 1, 2, 3, 4, 5])
+    assert told[0][0] == ([] if during in {IDLE, CONNECTING} else [0, 1, 2, 3, 4, 5])
     assert all(one == ([], []) for one in told[round(ABORT_S / STEP_S) + 1 :])
     for word in (bench.service.start, bench.service.hold, bench.service.resume, bench.service.declare_reached):
         word()
@@ -521,7 +667,7 @@ def test_the_operator_declares_the_target_reached() -> None:
 
 def test_resumed_after_reached_it_goes_on_and_judges_anew() -> None:
     """It takes two windows to be declared reached; those from before the operator's word do not count."""
-    bench = Bench(level_dbm=lambda *_: 0.0, service_settings=ServiceSettings(settle_s=0.0))
+    bench = Bench(level_dbm=lambda *_: -22.0, service_settings=ServiceSettings(settle_s=0.0))
     bench.still.displacement_m = [0.0, 0.0, 0.0]
     bench.run_until(REACHED)
     assert len(bench.decisions()) == 1
@@ -685,22 +831,23 @@ def test_one_tracker_beside_the_target_is_not_reached() -> None:
     """The mean over all would be far above what it is with the centre at the target."""
     scenario = paper_scenario()
     judge = NearnessJudge(scenario, windows=2, minimum_trackers=4)
-    distance_m = np.linalg.norm(formation_m(np.zeros(3), 5.0) - np.array([5.5, 0, 0]), axis=1)
+    offset_m = formation_m(np.zeros(3), 5.0)
+    distance_m = np.linalg.norm(offset_m - np.array([5.5, 0, 0]), axis=1)
     rssi_dbm = np.array([[power_dbm(scenario, one) for one in distance_m.tolist()]] * 10)
     mean_mw = float((10 ** (rssi_dbm / 10)).mean())
     assert mean_mw > 10 ** (power_dbm(scenario, 7.0) / 10)
-    assert not any(judge.is_reached(rssi_dbm, np.full(6, 5.0)) for _ in range(5))
+    assert not any(judge.is_reached(rssi_dbm, offset_m) for _ in range(5))
 
 
 @pytest.mark.parametrize(
     ("first_db", "last_db", "is_near"),
     [
-        (-30.0, 3.0, False),  # 3 dB are not quite the double of what is needed
-        (-30.0, 3.1, True),
-        (-1.0, 0.8, False),
-        (-1.0, 1.0, True),
-        (9.0, -0.1, False),  # it was near, and no longer is
-        (9.0, 0.1, True),
+        (-30.0, 4.1, False),  # 2.95 dB more than the margin are not quite the double of what is needed
+        (-30.0, 4.2, True),
+        (-1.0, 2.5, False),  # 10^-.1 + 10^.25 = 2.57, and twice 10^.115 is 2.61
+        (-1.0, 2.7, True),
+        (9.0, 1.1, False),  # it was near, and no longer is
+        (9.0, 1.2, True),
         (math.nan, 9.0, False),  # one window alone does not say enough
     ],
 )
@@ -711,8 +858,9 @@ def test_nearness_is_judged_by_milliwatts_in_the_last_window_and_over_several(
     judge = NearnessJudge(paper_scenario(), windows=2, minimum_trackers=4)
     last_dbm, first_dbm = (np.full((5, 6), power_dbm(paper_scenario(), 7.0) + level) for level in (last_db, first_db))
     last_dbm[3:] = math.nan
-    assert not judge.is_reached(first_dbm, np.full(6, 5.0))
-    assert judge.is_reached(last_dbm, np.full(6, 5.0)) is is_near
+    offset_m = formation_m(np.zeros(3), 5.0)
+    assert not judge.is_reached(first_dbm, offset_m)
+    assert judge.is_reached(last_dbm, offset_m) is is_near
 
 
 @pytest.mark.parametrize("sampling_hz", [10, 100])
@@ -729,7 +877,7 @@ def test_with_fading_the_target_is_declared_reached_where_it_is(sampling_hz: int
         late += np.isnan(declared_m) & (was_near > 0)
         for chase, judge in enumerate(judges):
             window_dbm, spacing_m = state.rssi_dbm[chase].double().numpy(), float(state.spacing_m[chase])
-            if judge.is_reached(window_dbm, np.full(6, spacing_m)) and np.isnan(declared_m[chase]):
+            if judge.is_reached(window_dbm, formation_m(np.zeros(3), spacing_m)) and np.isnan(declared_m[chase]):
                 declared_m[chase] = distance_m[chase]
         action, memory = controller.decide(state.observation(), memory)
         state, _ = environment.step(state, action)
@@ -739,12 +887,32 @@ def test_with_fading_the_target_is_declared_reached_where_it_is(sampling_hz: int
     assert late.max() <= 10
 
 
+@pytest.mark.parametrize("spacing_m", [1.0, 3.0, 5.0])
+@pytest.mark.parametrize("liar", range(6))
+@pytest.mark.parametrize("lie_db", [-200.0, 20.0])
+@pytest.mark.parametrize(("distance_m", "is_near"), [(0.5, True), (1.2, True), (5.0, False), (8.0, False)])
+def test_no_single_tracker_makes_or_stops_it(
+    spacing_m: float, liar: int, lie_db: float, distance_m: float, is_near: bool
+) -> None:
+    """Without fading; one tracker hears 20 dB too much, or only -200 dBm. From a spacing of 3 m on one that is too
+    loud is like one beside the target: there it may hold the word up.
+    """
+    judge = NearnessJudge(SCENARIO, windows=2, minimum_trackers=4)
+    offset_m = formation_m(np.zeros(3), spacing_m)
+    apart_m = np.linalg.norm(offset_m - distance_m * np.array([2, 3, 6]) / 7, axis=1)
+    rssi_dbm = np.array([[power_dbm(SCENARIO, one) for one in apart_m.tolist()]] * 10)
+    rssi_dbm[:, liar] = np.maximum(rssi_dbm[:, liar] + lie_db, -200.0)
+    judge.is_reached(rssi_dbm, offset_m)
+    found = judge.is_reached(rssi_dbm, offset_m)
+    assert found is is_near or (is_near and lie_db > 0 and spacing_m >= 3)
+
+
 @pytest.mark.parametrize(("heard", "is_near"), [(6, True), (4, True), (3, False), (0, False)])
 def test_nearness_needs_enough_trackers(heard: int, is_near: bool) -> None:
     judge = NearnessJudge(paper_scenario(), windows=1, minimum_trackers=4)
-    rssi_dbm = np.full((5, 6), 0.0)
+    rssi_dbm = np.full((5, 6), -22.0)
     rssi_dbm[:, heard:] = math.nan
-    assert judge.is_reached(rssi_dbm, np.full(6, 5.0)) is is_near
+    assert judge.is_reached(rssi_dbm, formation_m(np.zeros(3), 5.0)) is is_near
 
 
 # A controller that is started again
@@ -759,7 +927,7 @@ def test_a_restart_in_mid_chase_begins_with_empty_windows_and_a_new_epoch() -> N
     bench.log.clear()
     bench.service = bench.new_service(epoch=2)
     bench.service.start()
-    bench.step()
+    bench.run_until(SAMPLING)
     places_m = [tuple(tracker.position_m.tolist()) for tracker in bench.trackers]
     # They are told to stay where they are, by the new epoch.
     assert [(one.epoch, one.position_m) for one in bench.link.sent] == [(2, place_m) for place_m in places_m]

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from live_bench import FLYING
 from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.mavlink import TrackerMavlinkLink
@@ -18,16 +19,19 @@ from swarmchase.live.link.messages import (
     Heartbeat,
     Message,
     Metres,
+    Notice,
     PositionReport,
     RssiWindow,
     SetPoint,
+    Severity,
     TrackerMode,
 )
-from swarmchase.live.stop_request import StopRequest
-from swarmchase.live.tracker.agent import AgentSettings, SetPointRule, TrackerAgent
+from swarmchase.live.tracker.agent import BRAKED_S, AgentSettings, SetPointRule, TrackerAgent
 from swarmchase.live.tracker.loop import run_tracker
-from swarmchase.live.tracker.sources import CalibratedSource, Sample, SimulatedSource
+from swarmchase.live.tracker.sources import CalibratedSource, Rejected, Sample, SimulatedSource
 from swarmchase.live.tracker.vehicles import SimulatedVehicle, Vehicle
+from swarmchase.live.tracker.way_back import MOST_PLACES, STEP_M, WayBack
+from swarmchase.processes.stop_request import StopRequest
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 TRACKER = 3
@@ -63,7 +67,14 @@ class FakeVehicle:
         self.position_m: Metres | None = (1.0, 2.0, 3.0)
         self.velocity_mps: Metres = (0.1, 0.2, 0.3)
         self.mode = HOLDING
+        self.position_age_s = 0.0
+        self.state = FLYING
+        self.lines: list[tuple[Severity, str]] = []
         self.orders: list[Metres | str] = []
+
+    def said(self) -> list[tuple[Severity, str]]:
+        lines, self.lines = self.lines, []
+        return lines
 
     def go_to(self, position_m: Metres) -> None:
         self.orders.append(position_m)
@@ -175,7 +186,10 @@ def test_a_silent_receiver_is_reported_as_missing_samples() -> None:
 class Silent:
     """A receiver that hears nothing, or whose numbers are nonsense."""
 
+    silence = "it never speaks"
+
     def __init__(self, *levels_dbm: float) -> None:
+        self.rejected = Rejected()
         self.levels_dbm = levels_dbm
 
     def read(self, now_ns: int) -> list[Sample]:
@@ -217,7 +231,23 @@ def test_set_points_are_obeyed_in_their_order() -> None:
     assert situation.agent.ignored == {}
     situation.go_on(1)
     modes = [message.mode for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
-    assert modes == [HOLDING, FOLLOWING]
+    # The change is told at once, and 20 times a second for a while.
+    assert modes == [HOLDING] + [FOLLOWING] * 21 + [HOLDING]
+
+
+def test_a_change_of_mode_is_told_at_once_and_again() -> None:
+    """A pilot takes over between two heartbeats: any of 20 datagrams tells it, the first one in the same step."""
+    situation = Situation()
+    situation.go_on(10.3)
+    situation.link.sent.clear()
+    situation.fake.mode = MANUAL
+    changed_s = situation.now_s
+    situation.go_on(3.0)
+    beats = [message for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
+    assert {beat.mode for beat in beats} == {MANUAL}
+    after_s = [beat.time_ns / 1e9 - START_S - changed_s for beat in beats]
+    assert after_s[:20] == pytest.approx([0.05 * number for number in range(1, 21)])
+    assert len(beats) == 20 + 2
 
 
 @pytest.mark.parametrize(
@@ -262,7 +292,7 @@ def test_which_set_points_are_obeyed(
 
 def test_what_a_tracker_would_say_is_not_obeyed() -> None:
     situation = Situation()
-    situation.link.waiting = [Heartbeat(TRACKER, 1, MANUAL), PositionReport(TRACKER, 1, (9.0, 9.0, 9.0))]
+    situation.link.waiting = [Heartbeat(TRACKER, 1, MANUAL, FLYING), PositionReport(TRACKER, 1, (9.0, 9.0, 9.0))]
     situation.agent.step()
     assert situation.places() == []
     assert situation.agent.ignored == {"no set-point": 2}
@@ -322,15 +352,50 @@ def test_the_last_word_is_the_same_in_any_order(order: list[int], repeats: list[
     assert situation.places() == sorted(set(situation.places()), key=float)
 
 
+# What it says of its vehicle
+
+
+def test_a_position_is_dated_by_when_it_was_true() -> None:
+    """Telemetry twice a second: what was true .4 s ago is not news."""
+    situation = Situation()
+    situation.fake.position_age_s = 0.4
+    situation.go_on(1)
+    reports = [message for message in situation.sent(PositionReport) if isinstance(message, PositionReport)]
+    beats = [message for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)]
+    assert reports[0].time_ns == beats[0].time_ns - 400_000_000
+    assert {beat.vehicle for beat in beats} == {FLYING}
+
+
+def test_lines_for_people_are_cut_repeated_and_bounded() -> None:
+    situation = Situation()
+    situation.fake.lines = [
+        (Severity.CRITICAL, "PreArm: Compass not calibrated \u00e9 and the battery is at 21.6 V already")
+    ]
+    situation.go_on(3)
+    said = [message for message in situation.link.sent if isinstance(message, Notice)]
+    assert [(one.number, one.severity, one.text) for one in said] == 3 * [
+        (1, Severity.CRITICAL, "PreArm: Compass not calibrated ? and the battery"),
+        (2, Severity.CRITICAL, "is at 21.6 V already"),
+    ]
+    situation.link.sent.clear()
+    situation.fake.lines = [(Severity.INFO, f"line {number}") for number in range(1000)]
+    situation.go_on(60)
+    said = [message for message in situation.link.sent if isinstance(message, Notice)]
+    assert {one.text for one in said} == {f"line {number}" for number in range(20)}
+    assert len(said) == 3 * 20
+
+
 # When nobody speaks
 
 
-def test_set_points_expire_and_then_it_returns_to_where_it_first_followed() -> None:
+def test_set_points_expire_and_then_it_returns_the_way_it_came() -> None:
+    """Led 4 m aside in half a second, 60 s later it goes back there as slowly."""
     situation = Situation()
     situation.go_on(1)
     situation.hear(10.0)
-    situation.fake.position_m = (5.0, 2.0, 3.0)
-    situation.go_on(0.5)
+    for step in range(1, 11):
+        situation.fake.position_m = (1.0 + 0.4 * step, 2.0, 3.0)
+        situation.go_on(0.05)
     situation.hear(11.0)
     situation.go_on(0.95)
     assert situation.places() == [10, 11]
@@ -338,17 +403,52 @@ def test_set_points_expire_and_then_it_returns_to_where_it_first_followed() -> N
     assert situation.places() == [10, 11, "hold"]
     situation.go_on(58.95)
     assert situation.places() == [10, 11, "hold"]
-    situation.go_on(0.05)
-    assert situation.fake.orders[3:] == [(1.0, 2.0, 3.0)]
+    situation.go_on(0.1)
+    assert situation.fake.orders[3:] == [(5.0, 2.0, 3.0)]
     situation.link.sent.clear()
-    situation.go_on(100)
+    # A second of silence and five of braking are part of the way.
+    situation.go_on(1.0 + BRAKED_S - 0.1)
     assert len(situation.fake.orders) == 4
+    situation.go_on(0.6)
+    back_m = situation.places()[3:]
+    assert back_m == pytest.approx([5.0 - 0.4 * step for step in range(11)], abs=0.01)
+    assert situation.fake.orders[-1] == (1.0, 2.0, 3.0)
+    situation.go_on(100)
+    assert len(situation.fake.orders) == 3 + 11
     # While it returns by itself, it follows nobody, and would follow the next one.
     assert {message.mode for message in situation.sent(Heartbeat) if isinstance(message, Heartbeat)} == {HOLDING}
     situation.hear(12.0)
-    assert situation.places()[4:] == [12]
+    assert situation.places()[14:] == [12]
     situation.go_on(1)
-    assert situation.places()[4:] == [12, "hold"]
+    assert situation.places()[14:] == [12, "hold"]
+
+
+def test_who_is_led_again_on_its_way_back_follows_at_once() -> None:
+    situation = Situation(settings=AgentSettings(return_after_s=2.0))
+    situation.hear(10.0)
+    for step in range(1, 41):
+        situation.fake.position_m = (1.0 + 0.2 * step, 2.0, 3.0)
+        situation.go_on(0.05)
+        situation.hear(10.0)
+    situation.go_on(2.0 + 2.0 + 1.0)
+    assert 1 < situation.fake.orders[-1][0] < 9  # type: ignore[operator]
+    situation.hear(77.0)
+    assert situation.places()[-1] == 77
+    situation.go_on(1.5)
+    assert situation.places()[-2:] == [77, "hold"]
+
+
+def test_a_pilot_on_the_way_back_is_left_alone() -> None:
+    situation = Situation(settings=AgentSettings(return_after_s=2.0))
+    situation.hear(10.0)
+    situation.fake.position_m = (5.0, 2.0, 3.0)
+    situation.go_on(2.1)
+    assert situation.places() == [10, "hold", 5]
+    situation.fake.mode = MANUAL
+    situation.go_on(0.1)
+    situation.fake.mode = HOLDING
+    situation.go_on(100)
+    assert situation.places() == [10, "hold", 5]
 
 
 def test_the_time_of_expiry_counts_from_the_sending() -> None:
@@ -446,7 +546,7 @@ def test_a_chase_with_a_simulated_vehicle() -> None:
     situation.go_on(2.5)
     assert 5 < vehicle.position_m[0] < 15
     assert (vehicle.velocity_mps, vehicle.mode) == ((0, 0, 0), HOLDING)
-    situation.go_on(65)
+    situation.go_on(65 + 20)
     assert vehicle.position_m == (0, 0, 0)
 
 
@@ -542,8 +642,11 @@ def test_the_agent_is_small() -> None:
 class BrokenSource:
     """Fails at its third read."""
 
+    silence = "it has failed"
+
     def __init__(self, error: Exception) -> None:
         self.error, self.reads, self.closed = error, 0, False
+        self.rejected = Rejected()
 
     def read(self, now_ns: int) -> list[Sample]:
         self.reads += 1
@@ -576,7 +679,8 @@ def test_when_its_source_fails_the_vehicle_stays_commandable(error: Exception, f
     situation.go_on(7.0)
     situation.hear(5.0)
     assert situation.places() == [5.0]
-    assert [len(situation.sent(kind)) for kind in (PositionReport, Heartbeat)] == [70, 7]
+    # The change of mode is told besides.
+    assert [len(situation.sent(kind)) for kind in (PositionReport, Heartbeat)] == [70, 8]
     last = situation.sent(RssiWindow)[-1]
     assert isinstance(last, RssiWindow)
     assert all(map(math.isnan, last.rssi_dbm))
@@ -604,7 +708,16 @@ def test_what_happened_to_the_source_is_told_once() -> None:
     assert reads == [1, 2, *[3] * 8]
     assert told == [
         "tracker 3 holds, at (1.00, 2.00, 3.00) m",
-        "tracker 3 hears nothing any more, and flies on: link type 1 is refused: allowed is 127, radiotap",
+        "tracker 3 hears nothing, and flies on: link type 1 is refused: allowed is 127, radiotap",
     ]
     assert summary.ignored == {"source failed": 1}
     assert situation.fake.orders == ["hold", "close"]
+
+
+def test_a_way_too_long_to_be_remembered_begins_later() -> None:
+    way = WayBack()
+    for step in range(MOST_PLACES + 1):
+        way.note(step * 10, (step * STEP_M * 1.01, 0.0, 0.0))
+    last_m = MOST_PLACES * STEP_M * 1.01
+    assert way.back_at(MOST_PLACES * 10) == ((last_m, 0, 0), False)
+    assert way.back_at(0) == ((last_m / 2, 0, 0), True)

@@ -19,14 +19,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
+from swarmchase.levels import is_level, level_or_nan
+from swarmchase.live.clock import VirtualClock
+from swarmchase.live.link.mavlink import TrackerMavlinkLink
 from swarmchase.live.link.messages import RssiWindow
 from swarmchase.live.serial_port import open_serial_port
+from swarmchase.live.tracker.agent import TrackerAgent
 from swarmchase.live.tracker.sources import (
     CalibratedSource,
     JsonDatagramSource,
     JsonLinesSource,
     KismetSource,
     PcapSource,
+    Rejected,
     ReplaySource,
     RssiSource,
     Sample,
@@ -43,6 +48,7 @@ from swarmchase.live.tracker.sources.kismet import parse_answer
 from swarmchase.live.tracker.sources.pcap import PcapParser, transmitter_address
 from swarmchase.live.tracker.sources.protocol import MOST_PER_READ
 from swarmchase.live.tracker.sources.radiotap import Radiotap, parse_radiotap
+from swarmchase.live.tracker.vehicles import SimulatedVehicle
 
 BIRDSEYE = Path(__file__).parents[4] / "shared" / "data" / "birdseye"
 NEEDS_TRACES = pytest.mark.skipif(
@@ -69,7 +75,10 @@ def eventually(condition: Callable[[], bool]) -> None:
 class Given:
     """A source that gives what it is told to."""
 
+    silence = "nothing is given"
+
     def __init__(self, *samples: Sample) -> None:
+        self.rejected = Rejected()
         self.samples = list(samples)
         self.closed = False
 
@@ -92,6 +101,10 @@ class Given:
         (-200.1, None),  # would become plausible
         (50.0, None),  # would not be any more
         (47.5, 50.0),
+        (0.0, None),  # would become -55 dBm of a receiver that heard nothing
+        (31.0, None),
+        (127.0, None),
+        (-128.0, None),
         (math.nan, None),
         (math.inf, None),
         (-math.inf, None),
@@ -101,18 +114,18 @@ class Given:
 def test_calibration_is_added_and_garbage_stays_garbage(reported_dbm: float, expected_dbm: float | None) -> None:
     inner = Given((5, reported_dbm))
     source = CalibratedSource(inner, 2.5)
-    samples = source.read(9)
-    assert [time_ns for time_ns, _ in samples] == [5]
-    assert levels(samples) == [expected_dbm]
+    ((time_ns, rssi_dbm),) = source.read(9)
+    assert time_ns == 5
+    assert levels([(5, level_or_nan(rssi_dbm))]) == [expected_dbm]
     source.close()
     assert inner.closed
 
 
 @settings(deadline=None)
 @given(st.floats(), st.floats(-100, 100))
-def test_every_calibrated_sample_may_be_sent(reported_dbm: float, offset_db: float) -> None:
-    ((time_ns, rssi_dbm),) = CalibratedSource(Given((5, reported_dbm)), offset_db).read(9)
-    RssiWindow(0, time_ns, 10.0, (rssi_dbm,))
+def test_no_offset_makes_a_level_of_what_is_none(reported_dbm: float, offset_db: float) -> None:
+    ((_, rssi_dbm),) = CalibratedSource(Given((5, reported_dbm)), offset_db).read(9)
+    assert is_level(reported_dbm) or not is_level(rssi_dbm)
 
 
 # The sampling grid
@@ -142,6 +155,11 @@ def filled(samples: list[tuple[float, float]], now_s: float, num_samples: int = 
         # Of two in one slot the later, in whatever order they come.
         ([(7.0, -60), (7.08, -61), (7.12, -62)], 7.2, 7.1, [-60, -62]),
         ([(7.0, -60), (7.12, -62), (7.08, -61)], 7.2, 7.1, [-60, -62]),
+        # Of two taken at one time the one that came last, be it the weaker one.
+        ([(7.0, -60), (7.1, -61), (7.1, -65)], 7.2, 7.1, [-60, -65]),
+        ([(7.0, -60), (7.1, -65), (7.1, -61)], 7.2, 7.1, [-60, -61]),
+        # Error values are none, before, after and instead of a level.
+        ([(7.0, -60), (7.08, 0), (7.1, -61), (7.12, 31), (7.2, -128), (7.3, 127)], 7.3, 7.1, [-60, -61]),
         # Reordered, repeated.
         ([(7.0, -60), (7.2, -62), (7.1, -61), (7.1, -61)], 7.2, 7.2, [-60, -61, -62]),
         # Only the last five are kept, and what is older than they are is not taken up.
@@ -182,9 +200,11 @@ def test_refused_grids(sampling_hz: float, num_samples: int) -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 20 * SECOND_NS), st.floats()), max_size=60), st.randoms(use_true_random=False))
-def test_every_window_may_be_sent_and_order_does_not_matter(samples: list[Sample], order: random.Random) -> None:
+def test_every_window_may_be_sent_and_order_does_not_matter(drawn: list[Sample], order: random.Random) -> None:
+    """But of two samples taken at one time the one that comes last stays: here there are none such."""
     now_ns = 15 * SECOND_NS
     first: Sample = (0, -60.0)  # the grid is the first one's
+    samples = [sample for sample in dict(drawn).items() if sample[0] != 0]
     windows = []
     for _ in range(2):
         buffer = SampleBuffer(10.0)
@@ -248,7 +268,7 @@ def test_a_recording_is_played_at_its_pace_gaps_included(tmp_path: Path) -> None
     samples = source.read(start_ns + 60 * SECOND_NS)
     assert [time_ns - start_ns for time_ns, _ in samples] == [3 * SECOND_NS, 3 * SECOND_NS + SECOND_NS // 2]
     assert levels(samples) == [None, -63.5]
-    assert source.rejected == {"goes back in time": 1}
+    assert source.rejected == {"going back in time": 1}
     assert source.read(start_ns + 99 * SECOND_NS) == []
     source.close()
 
@@ -368,7 +388,7 @@ def test_the_other_field_tests() -> None:
     ],
 )
 def test_records(line: str, expected: tuple[float | None, int | None]) -> None:
-    record = parse_record(line.encode())
+    record = parse_record(line.encode(), Rejected())
     assert record is not None
     assert (levels([(0, record[0])])[0], record[1]) == expected
 
@@ -400,7 +420,9 @@ def test_records(line: str, expected: tuple[float | None, int | None]) -> None:
     ],
 )
 def test_lines_that_are_no_records(line: str) -> None:
-    assert parse_record(line.encode(errors="surrogateescape")) is None
+    rejected = Rejected()
+    assert parse_record(line.encode(errors="surrogateescape"), rejected) is None
+    assert rejected.total() == 1
 
 
 ANY_JSON = st.recursive(
@@ -418,7 +440,7 @@ ANY_JSON = st.recursive(
     )
 )
 def test_any_line_is_a_record_or_is_none(line: bytes) -> None:
-    record = parse_record(line)
+    record = parse_record(line, Rejected())
     if record is not None:
         rssi_dbm, time_ns = record
         assert isinstance(rssi_dbm, float)
@@ -447,7 +469,8 @@ def test_lines_come_in_pieces_and_bad_ones_are_counted(pipe: tuple[int, JsonLine
     # And the fourth .2 s later, though it came two seconds later.
     ((time_ns, rssi_dbm),) = source.read(9 * SECOND_NS)
     assert (time_ns / 1e9, rssi_dbm) == (pytest.approx(7.2, abs=1e-3), -65)
-    assert source.rejected == {"no record": 1}
+    assert source.rejected == {"no JSON object": 1}
+    assert source.rejected.seen("no JSON object") == ["boot ok"]
     assert not source.ended
     os.write(writing, b'{"rssi_dbm": -66}')
     os.close(writing)
@@ -462,7 +485,7 @@ def test_a_line_without_an_end_does_not_fill_the_memory(pipe: tuple[int, JsonLin
         os.write(writing, b"x" * 3000)
         assert source.read(5) == []
         assert len(source._rest) <= LONGEST_LINE_BYTES
-    assert source.rejected == {"line too long": 1}
+    assert source.rejected == {"too long a line": 1}
     os.write(writing, b'{"rssi_dbm": -1}\n{"rssi_dbm": -61}\n')
     assert source.read(6) == [(6, -61)]
 
@@ -522,7 +545,7 @@ def test_datagrams(datagrams: tuple[Callable[[bytes], None], JsonDatagramSource]
     found: list[Sample] = []
     eventually(lambda: bool(found.extend(source.read(5))) or len(found) == 3)
     assert levels(found) == [-61, -62, None]
-    assert source.rejected == {"no record": 2}
+    assert source.rejected == {"no JSON object": 1, "too long a line": 1}
 
 
 def test_a_flood_does_not_hold_the_agent_up(datagrams: tuple[Callable[[bytes], None], JsonDatagramSource]) -> None:
@@ -684,12 +707,6 @@ def test_any_answer_is_a_level_or_none(answer: bytes) -> None:
     assert record is None or isinstance(record[0], float)
 
 
-def test_kismet_says_0_where_it_knows_no_level() -> None:
-    record = parse_answer(b'[{"rssi_dbm": 0, "packets": 7}]')
-    assert record is not None
-    assert math.isnan(record[0])
-
-
 # Radiotap and captures
 
 
@@ -838,7 +855,8 @@ def test_only_the_frames_of_one_transmitter() -> None:
         captured(-66),
     ]
     assert [level for _, level in parser.feed(file_header() + b"".join(packets))] == [-60, -65]
-    assert parser.rejected == {"another transmitter": 5}
+    assert parser.rejected == {"of another transmitter": 5}
+    assert parser.rejected.seen("of another transmitter") == [other]
     assert transmitter_address(frame_of(other)) == bytes.fromhex("020000000008")
 
 
@@ -929,3 +947,76 @@ def test_every_source_is_a_source() -> None:
     kinds = [CalibratedSource, JsonLinesSource, JsonDatagramSource, KismetSource, PcapSource]
     assert all(isinstance(source, RssiSource) for source in sources)
     assert all(callable(getattr(kind, method)) for kind in kinds for method in ("read", "close"))
+
+
+# What is said of a source that yields nothing
+
+
+def complaint_of(source: RssiSource, offset_db: float = 0.0) -> str | None:
+    """What an agent says of it after six seconds in which it was read at 10 Hz."""
+    clock = VirtualClock(9 * SECOND_NS)
+    link = TrackerMavlinkLink(3, "127.0.0.1", 1, unsigned=True)
+    agent = TrackerAgent(3, CalibratedSource(source, offset_db), SimulatedVehicle((0.0, 0.0, 0.0)), link, clock, 10.0)
+    for _ in range(61):
+        agent.step()
+        clock.advance(0.1)
+    complaint = agent.source_complaint
+    agent.close()
+    return complaint
+
+
+def test_a_port_to_which_nobody_sends() -> None:
+    source = JsonDatagramSource(0)
+    port = source.port
+    assert complaint_of(source) == f"for 6 s no datagram has come to port {port}"
+
+
+def test_records_of_another_form(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.write(writing, b'{"signal": -61, "ts": 5}\n' * 41 + b'{"rssi_dbm": "-61"}\nboot: ok\n')
+    assert complaint_of(source) == (
+        "for 6 s no level among 43 records: 41 without the field rssi_dbm (seen: signal, ts), "
+        "1 with a field that is no number (seen: rssi_dbm), 1 no JSON object (seen: boot: ok)"
+    )
+
+
+def test_a_receiver_that_hears_nothing_and_says_so_in_its_own_way(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.write(writing, b'{"rssi_dbm": 0}\n{"rssi_dbm": 127}\n{"rssi_dbm": null}\n{"rssi_dbm": 300}\n')
+    assert complaint_of(source, offset_db=-5.0) == (
+        "for 6 s no level among 4 records: 2 an error value, 1 nothing heard, 1 beyond any receiver"
+    )
+
+
+def test_a_line_that_has_ended(pipe: tuple[int, JsonLinesSource]) -> None:
+    writing, source = pipe
+    os.close(writing)
+    assert complaint_of(source) == "for 6 s standard input has ended"
+
+
+def test_frames_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "capture.pcap"
+    path.write_bytes(file_header())
+    source = PcapSource(path, ADDRESS)
+    others = [f"02:00:00:00:01:0{number}" for number in range(3)]
+    with open(path, "ab") as file:
+        file.write(b"".join(captured(-60, frame=frame_of(other)) for other in others * 2))
+    assert complaint_of(source) == (
+        f"for 6 s no level among 6 records: 6 of another transmitter (seen: {', '.join(others)})"
+    )
+
+
+def test_a_recording_that_is_over() -> None:
+    assert complaint_of(ReplaySource(iter([(0.0, -60.0), (0.5, -61.0)]))) == "for 6 s the recording is over"
+
+
+def test_a_source_that_yields_levels_is_not_complained_of() -> None:
+    assert complaint_of(SimulatedSource(lambda time_ns: -60.0, 10.0)) is None
+
+
+def test_many_different_mistakes_do_not_fill_the_memory() -> None:
+    rejected = Rejected()
+    for number in range(10_000):
+        rejected.add("without the field rssi_dbm", f"field {number}")
+    assert rejected == {"without the field rssi_dbm": 10_000}
+    assert rejected.seen("without the field rssi_dbm") == [f"field {number}" for number in range(8)]

@@ -6,6 +6,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -93,6 +94,33 @@ def test_a_pilot_takes_it_over() -> None:
     vehicle.go_to((-10.0, 0.0, 0.0))
     fly(vehicle, 6, 20)
     assert vehicle.position_m == (-10, 0, 0)
+
+
+def test_the_habits_of_real_ones() -> None:
+    """It lags, wind moves it, and it is half a metre from where it takes itself to be; a seed is a flight."""
+    limits = VehicleLimits(lag_s=0.3, gusts_mps2=1.0, position_error_m=0.5)
+    one, same, other = (SimulatedVehicle((0.0, 0.0, 0.0), limits, Random(seed)) for seed in (1, 1, 2))
+    ideal = SimulatedVehicle((0.0, 0.0, 0.0))
+    for vehicle in (one, same, other, ideal):
+        vehicle.update(0)
+        vehicle.go_to((10.0, 0.0, 0.0))
+    began_m = one.position_m
+    for flown_s in range(6):
+        for vehicle in (one, same, other, ideal):
+            fly(vehicle, flown_s, flown_s + 1)
+        assert math.dist(one.position_m, one.true_position_m) == pytest.approx(0.5)
+        if flown_s < 2:
+            assert one.true_position_m[0] < ideal.true_position_m[0]
+    assert one.position_m == same.position_m != other.position_m
+    # It holds its place against the wind by what it takes for its place.
+    assert 0 < math.dist(one.position_m, (10, 0, 0)) < 0.5
+    assert math.dist(one.true_position_m, (10, 0, 0)) > 0
+    assert math.dist(began_m, (0, 0, 0)) == pytest.approx(0.5)
+    one.hold()
+    fly(one, 6, 7)
+    held_m = one.position_m
+    fly(one, 7, 30)
+    assert math.dist(one.position_m, held_m) < 0.6
 
 
 def test_after_a_pause_it_has_stood_still() -> None:

@@ -124,7 +124,7 @@ class ReportDecoder:
         return report
 
     def _report(self, tracker: int, fields: Any) -> Report:
-        match fields.id:
+        match fields.get_msgId():
             case mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
                 return _rssi_from_mavlink(tracker, fields)
             case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:

@@ -21,9 +21,14 @@ MOST_FILE_BYTES = 64 * 1024
 """Nobody's key file is longer; a wrong path must not fill the memory."""
 
 
+def new_key() -> bytes:
+    """From the system's random source."""
+    return secrets.token_bytes(KEY_BYTES)
+
+
 def new_keys() -> dict[int, bytes]:
-    """A fresh key from the system's random source for each tracker."""
-    return {tracker: secrets.token_bytes(KEY_BYTES) for tracker in range(NUM_TRACKERS)}
+    """A fresh key for each tracker."""
+    return {tracker: new_key() for tracker in range(NUM_TRACKERS)}
 
 
 def write_keys(path: Path, keys: Mapping[int, bytes]) -> None:
@@ -32,10 +37,40 @@ def write_keys(path: Path, keys: Mapping[int, bytes]) -> None:
     Raises:
         InputError: the file exists (the keys in it may be in use), or it cannot be written.
     """
-    require_keys(keys)
     if path.exists():
         raise InputError(f"key file {path} exists already: remove it first if its keys are not in use")
+    _write(path, keys)
+
+
+def renew_key(path: Path, tracker: int) -> None:
+    """Give one tracker of a key file a fresh key, also if it had none. Comments in the file are not kept.
+
+    Raises:
+        InputError: no such tracker, or the file is refused or cannot be written.
+    """
+    _write(path, {**read_keys(path), tracker: new_key()})
+
+
+def revoke_key(path: Path, tracker: int) -> None:
+    """Take one tracker's key out of a key file. Comments in the file are not kept.
+
+    Raises:
+        InputError: it holds no key of this tracker, or no other; or the file is refused or cannot be written.
+    """
+    keys = read_keys(path)
+    if tracker not in keys:
+        raise InputError(f"key file {path} holds no key of tracker {tracker}")
+    del keys[tracker]
+    if not keys:
+        raise InputError(f"tracker {tracker} is the only one in key file {path}: remove the file instead")
+    _write(path, keys)
+
+
+def _write(path: Path, keys: Mapping[int, bytes]) -> None:
+    require_keys(keys)
     lines = [f"{tracker} {key.hex()}\n" for tracker, key in sorted(keys.items())]
+    # The file itself, not a link to it: a key that is revoked must not stay where the link points.
+    path = Path(os.path.realpath(path))
     try:
         # mkstemp makes it with mode 0600: at no moment can anybody else read it.
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")

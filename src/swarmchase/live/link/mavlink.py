@@ -27,8 +27,9 @@ from .keys import require_keys
 from .loss import LossMeter
 from .messages import Message, Report, SetPoint
 from .packet import LONGEST_PACKET_BYTES, SEQUENCE_PLACE, Header, PacketReader, PacketWriter, Peer
-from .protocol import Link
-from .rejection import Reason, RejectedError
+from .protocol import ControllerLink, Link
+from .rejection import Reason, RejectedError, Rejections
+from .state_file import CONTROLLER_HEARS, TRACKER_HEARS, sender_name
 from .timestamps import Timestamps
 from .udp_socket import Address, DatagramSocket
 
@@ -46,14 +47,21 @@ class _UdpEnd:
         self._reader = reader
         self._writer = writer
         self._timestamps = timestamps
-        self._rejected: Counter[str] = Counter()
+        self.rejections = Rejections()
         self._loss: defaultdict[int, LossMeter] = defaultdict(LossMeter)
         """By system."""
 
     @property
     def rejected(self) -> Counter[str]:
         """How many datagrams were dropped, by the words of ``Reason``."""
-        return self._rejected
+        return self.rejections.by_reason
+
+    @property
+    def skew_s(self) -> dict[str, float]:
+        """By sender: how much its clock was ahead of this end's when its newest accepted datagram came; what that took
+        on the way makes it less.
+        """
+        return {sender_name(system): skew_s for system, skew_s in self._timestamps.skew_s.items()}
 
     @property
     def state_errors(self) -> int:
@@ -71,7 +79,7 @@ class _UdpEnd:
             try:
                 received.append((self._reader.open(datagram, header, peer), address))
             except RejectedError as rejection:
-                self._rejected[rejection.reason] += 1
+                self.rejections.add(rejection, sender_name(peer.system))
             else:
                 self._loss[peer.system].heard(datagram[SEQUENCE_PLACE])
         return received
@@ -88,11 +96,11 @@ class _UdpEnd:
             try:
                 header, peer = self._reader.claim(datagram)
             except RejectedError as rejection:
-                self._rejected[rejection.reason] += 1
+                self.rejections.add(rejection)
                 continue
             queue = waiting.setdefault(peer.system, deque(maxlen=MOST_OF_ONE_SENDER))
             if len(queue) == MOST_OF_ONE_SENDER:
-                self._rejected[Reason.OVERFLOW] += 1
+                self.rejections.add(RejectedError(Reason.OVERFLOW), sender_name(peer.system))
             queue.append((number, datagram, header, peer, address))
         return sorted(item for queue in waiting.values() for item in queue)
 
@@ -103,20 +111,20 @@ class _UdpEnd:
             self._socket.sendto(datagram, address)
 
 
-class ControllerMavlinkLink(_UdpEnd, Link):
+class ControllerMavlinkLink(_UdpEnd, ControllerLink):
     """The controller's end.
 
     Args:
         host, port: the UDP address to bind; port 0 lets the system choose.
         keys: by tracker; a tracker without a key is not listened to.
         state_path: remembers timestamps over restarts, so that no replay is accepted even from trackers whose
-            clocks are ahead; see ``mavlink_timestamps``.
+            clocks are ahead; see ``timestamps``.
         unsigned: do without keys; only on the loopback interface.
-        wall_time_ns: real time since 1970.
+        wall_time_ns, monotonic_ns: see ``RealTime``.
         udp: instead of a socket of its own.
 
     Raises:
-        InputError: the address cannot be bound, keys or state file are refused, or ``unsigned`` is not allowed.
+        InputError: the address cannot be bound, keys, state file or clock are refused, or ``unsigned`` is not allowed.
     """
 
     def __init__(
@@ -128,6 +136,7 @@ class ControllerMavlinkLink(_UdpEnd, Link):
         state_path: Path | None = None,
         unsigned: bool = False,
         wall_time_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
         udp: DatagramSocket | None = None,
     ) -> None:
         family, address = _resolve(host, port)
@@ -137,8 +146,7 @@ class ControllerMavlinkLink(_UdpEnd, Link):
         peers = [Peer(tracker, system_of(tracker), TRACKER_COMPONENT, key) for tracker, key in self._keys.items()]
         udp = udp or _new_socket(family, address)
         try:
-            systems = [system_of(tracker) for tracker in range(NUM_TRACKERS)]
-            timestamps = Timestamps(systems, state_path, wall_time_ns)
+            timestamps = Timestamps(CONTROLLER_HEARS, state_path, wall_time_ns, monotonic_ns)
         except InputError:
             udp.close()
             raise
@@ -154,6 +162,11 @@ class ControllerMavlinkLink(_UdpEnd, Link):
     def wait(self, seconds: float) -> bool:
         """Until something comes, and no longer than this; whether it has come."""
         return bool(select.select([self._socket], [], [], max(seconds, 0.0))[0])
+
+    def clocks_ahead_s(self) -> list[float | None]:
+        """Of each tracker: how far its clock was ahead when it last spoke; None where it never did or does not sign."""
+        skew_s = self._timestamps.skew_s
+        return [skew_s.get(system_of(tracker)) for tracker in range(NUM_TRACKERS)]
 
     def loss_share(self) -> list[float | None]:
         """Of each tracker's last packets, which share got lost on their way here; None where that is not known."""
@@ -185,13 +198,13 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         tracker: 0 to 5.
         host, port: of the controller.
         key: this tracker's.
-        state_path: remembers timestamps over restarts: see ``mavlink_timestamps``.
+        state_path: remembers timestamps over restarts: see ``timestamps``.
         unsigned: do without a key; only if the controller is on the loopback interface.
-        wall_time_ns: real time since 1970.
+        wall_time_ns, monotonic_ns: see ``RealTime``.
         udp: instead of a socket of its own.
 
     Raises:
-        InputError: no such tracker or address, key or state file are refused, or ``unsigned`` is not allowed.
+        InputError: no such tracker or address, key, state file or clock are refused, or ``unsigned`` is not allowed.
     """
 
     def __init__(
@@ -204,6 +217,7 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         state_path: Path | None = None,
         unsigned: bool = False,
         wall_time_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
         udp: DatagramSocket | None = None,
     ) -> None:
         if not 0 <= tracker < NUM_TRACKERS:
@@ -212,7 +226,7 @@ class TrackerMavlinkLink(_UdpEnd, Link):
         _require_keys_or_loopback(self._controller, None if key is None else {tracker: key}, unsigned)
         self._tracker = tracker
         self._key = key
-        timestamps = Timestamps([CONTROLLER_SYSTEM], state_path, wall_time_ns)
+        timestamps = Timestamps(TRACKER_HEARS, state_path, wall_time_ns, monotonic_ns)
         peers = [Peer(tracker, CONTROLLER_SYSTEM, CONTROLLER_COMPONENT, key)]
         writer = PacketWriter(system_of(tracker), TRACKER_COMPONENT, timestamps)
         # Without keys it is bound to the loopback interface: nothing from outside may reach it.

@@ -13,8 +13,6 @@ from ...scenario import NUM_TRACKERS
 
 MOST_SAMPLES = 50
 """Of one RSSI message: the paper's window."""
-LOWEST_RSSI_DBM, HIGHEST_RSSI_DBM = -200.0, 50.0
-"""No receiver reports anything outside."""
 FARTHEST_M = 100_000.0
 """No tracker is further from the origin than this on any axis."""
 FASTEST_MPS = 200.0
@@ -42,7 +40,7 @@ class RssiWindow:
     """The last samples of one tracker's receiver, oldest first; each message repeats earlier ones.
 
     Raises:
-        InputError: a tracker, rate, number of samples or level that cannot be.
+        InputError: a tracker, rate or number of samples that cannot be.
     """
 
     tracker: int
@@ -50,7 +48,8 @@ class RssiWindow:
     """When the newest sample was taken."""
     sampling_hz: float
     rssi_dbm: tuple[float, ...]
-    """NaN where no valid sample was taken."""
+    """As reported, NaN where nothing was. What is no level (``swarmchase.levels``) is dropped by whoever takes it in;
+    the rest of the window counts."""
 
     def __post_init__(self) -> None:
         _require_tracker(self.tracker)
@@ -59,9 +58,6 @@ class RssiWindow:
             raise InputError(f"sampling_hz = {self.sampling_hz} is refused")
         if not 1 <= len(self.rssi_dbm) <= MOST_SAMPLES:
             raise InputError(f"{len(self.rssi_dbm)} samples are refused: allowed is 1 to {MOST_SAMPLES}")
-        for level_dbm in self.rssi_dbm:
-            if not (math.isnan(level_dbm) or LOWEST_RSSI_DBM <= level_dbm <= HIGHEST_RSSI_DBM):
-                raise InputError(f"rssi_dbm = {level_dbm} is refused")
 
 
 @dataclass(frozen=True)
@@ -148,6 +144,11 @@ class Notice:
             raise InputError(f"number = {self.number} is refused: allowed is 1 to {MOST_NOTICES}")
         if not (1 <= len(self.text) <= LONGEST_NOTICE and self.text.isascii() and self.text.isprintable()):
             raise InputError(f"a notice is refused: allowed are 1 to {LONGEST_NOTICE} printable ASCII characters")
+
+
+def printable(text: str) -> str:
+    """As notices carry it: one line in which a question mark stands for what is not printable ASCII."""
+    return "".join(one if one.isascii() and one.isprintable() else "?" for one in " ".join(text.split()))
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ class PacketReader:
         """The message, after the expensive checks.
 
         Raises:
-            RejectedError: bad checksum, wrong key, replayed, too old, wrong layout or refused value.
+            RejectedError: bad checksum, wrong key, replayed, too old, too far ahead, wrong layout or refused value.
         """
         require_checksum(datagram, header)
         if header.is_signed:

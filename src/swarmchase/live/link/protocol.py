@@ -26,3 +26,13 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Give back what it holds."""
+
+
+@runtime_checkable
+class ControllerLink(Link, Protocol):
+    """The controller's end."""
+
+    def clocks_ahead_s(self) -> Sequence[float | None]:
+        """Of each tracker: how far its clock was ahead of this machine's when it last spoke; what the message took on
+        its way makes it less. None where the link cannot tell.
+        """

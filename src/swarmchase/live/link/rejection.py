@@ -1,5 +1,7 @@
 """Why an end of a link drops what comes in. The words are what ``Link.rejected`` counts by; docs/link.md lists them."""
 
+from collections import Counter, defaultdict
+from dataclasses import dataclass
 from enum import StrEnum
 
 
@@ -27,7 +29,9 @@ class Reason(StrEnum):
     REPLAYED = "replayed"
     """The signature's timestamp is not newer than the newest that was accepted, in this run or an earlier one."""
     TOO_OLD = "too old"
-    """Signed before this end was opened: maybe recorded while nobody listened, maybe the sender's clock is behind."""
+    """Signed too long ago, or before this end was opened: held back, recorded, or the sender's clock is behind."""
+    TOO_FAR_AHEAD = "too far ahead"
+    """Signed at a time that is not yet: the sender's clock is ahead, or this end's is behind."""
     WRONG_LAYOUT = "wrong layout"
     """Fields that say how to read the others are not as the message map has them."""
     REFUSED_VALUE = "refused value"
@@ -35,8 +39,46 @@ class Reason(StrEnum):
 
 
 class RejectedError(Exception):
-    """This datagram is to be dropped and counted; nobody outside the link ever sees it."""
+    """This datagram is to be dropped and counted; nobody outside the link ever sees it.
 
-    def __init__(self, reason: Reason) -> None:
+    Args:
+        skew_s: where the signature's time is the reason: how much it was ahead (behind: negative) of this end's real
+            time, or of the newest accepted where it is ``REPLAYED``.
+    """
+
+    def __init__(self, reason: Reason, skew_s: float | None = None) -> None:
         super().__init__(str(reason))
-        self.reason = reason
+        self.reason, self.skew_s = reason, skew_s
+
+
+@dataclass
+class Tally:
+    """How often one reason has applied to datagrams in one name."""
+
+    count: int = 0
+    skew_s: float | None = None
+    """Of the newest."""
+
+
+class Rejections:
+    """What one end of a link has dropped."""
+
+    def __init__(self) -> None:
+        self.by_reason: Counter[str] = Counter()
+        self.tallies: defaultdict[tuple[Reason, str], Tally] = defaultdict(Tally)
+        """By reason and the name of the sender that is claimed; empty where none is."""
+
+    def add(self, rejection: RejectedError, sender: str = "") -> None:
+        """One more."""
+        self.by_reason[rejection.reason] += 1
+        tally = self.tallies[rejection.reason, sender]
+        tally.count += 1
+        tally.skew_s = rejection.skew_s
+
+    def skew_s(self) -> dict[str, dict[str, float]]:
+        """The newest skew by reason and sender, where time was the reason."""
+        skews: defaultdict[str, dict[str, float]] = defaultdict(dict)
+        for (reason, sender), tally in self.tallies.items():
+            if tally.skew_s is not None:
+                skews[str(reason)][sender] = round(tally.skew_s, 3)
+        return dict(skews)

@@ -8,8 +8,10 @@ tracker's clock, since it may hear any sample first.
 A valid sample always displaces a missing one. Of several valid ones
 
 - the tracker keeps the latest, whose level is the nearest to now: the controller's networks know samples, not means;
-- the controller keeps the one nearest to the middle of the cell, of two as near the stronger: it hears each sample many
-  times and in any order, and what it keeps must not depend on that.
+- the controller keeps the one nearest to the middle of the cell, of two as near that of the message that was sent last
+  (its tracker may have put a later sample in the place of an earlier one), and of contradictory messages of one moment,
+  which no tracker sends that lives by these rules, the weaker: it hears each sample many times and in any order, and
+  what it keeps must not depend on that.
 """
 
 from typing import TYPE_CHECKING, TypeVar

@@ -1,8 +1,9 @@
-"""What a log holds, as JSON: its head, the service's transitions and decisions, and how much it has lost.
+"""What a log holds, as JSON: its head, the service's transitions and decisions, events, and how much it has lost.
 
 Numbers keep every bit: JSON's decimals are the shortest that read back the same. NaN is null, infinity is a word.
 """
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -16,18 +17,22 @@ import numpy as np
 from ... import __version__
 from ...controllers import weights_sha256
 from ...errors import InputError
+from ...reading import Bounds, DocumentError, parsed_json
 from ...scenario import NUM_TRACKERS, Scenario
+from ..alarms import Severity
+from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import ChaseState, Decision, Transition
 from ..service.safety import SafetyLimits
 from .json_forms import form_check
 
-LAYOUT = 1
-"""Of these forms; another one is not read."""
+LAYOUT = 2
+"""Of these forms. An older one is read (``layouts``), a newer one is not."""
 
 HEAD_TOPIC = "/chase/head"
 TRANSITION_TOPIC = "/chase/transition"
 DECISION_TOPIC = "/chase/decision"
+EVENT_TOPIC = "/chase/event"
 FRAME_TOPIC = "/chase/frame"
 LOSS_TOPIC = "/chase/loss"
 
@@ -73,18 +78,27 @@ class DecisionForm(TypedDict):
     changed: str
 
 
+class EventForm(TypedDict):
+    """See ``Event``."""
+
+    time_ns: int
+    severity: str
+    text: str
+
+
 class LossForm(TypedDict):
     """What the recorder could not keep up with until now."""
 
     frames: int
     entries: int
-    """Transitions and decisions."""
+    """Transitions, decisions and events."""
 
 
 FORMS: dict[str, Any] = {
     HEAD_TOPIC: HeadForm,
     TRANSITION_TOPIC: TransitionForm,
     DECISION_TOPIC: DecisionForm,
+    EVENT_TOPIC: EventForm,
     FRAME_TOPIC: Frame,
     LOSS_TOPIC: LossForm,
 }
@@ -189,6 +203,11 @@ def decision_form(decision: Decision) -> DecisionForm:
     )
 
 
+def event_form(event: Event) -> EventForm:
+    """The event as JSON."""
+    return EventForm(time_ns=event.time_ns, severity=event.severity.value, text=event.text)
+
+
 def _number(value: float) -> Number:
     if math.isfinite(value):
         return value
@@ -197,7 +216,7 @@ def _number(value: float) -> Number:
     return "inf" if value > 0 else "-inf"
 
 
-def to_json(form: HeadForm | TransitionForm | DecisionForm | LossForm | Frame) -> bytes:
+def to_json(form: HeadForm | TransitionForm | DecisionForm | EventForm | LossForm | Frame) -> bytes:
     """One message.
 
     Raises:
@@ -208,20 +227,29 @@ def to_json(form: HeadForm | TransitionForm | DecisionForm | LossForm | Frame) -
 
 # From JSON
 
+MESSAGE_BOUNDS = Bounds(most_bytes=16 * 2**20, most_values=2**20)
+"""Of one message: a decision on the longest window that a scenario may have needs a quarter of it."""
 
-def from_json(data: bytes, form: Callable[..., _Form]) -> _Form:
+
+def from_json(data: bytes, form: Callable[..., _Form], renew: Callable[[Any], Any] | None = None) -> _Form:
     """One message of this form.
+
+    Args:
+        renew: makes this form of an older one; what it raises says that it is none.
 
     Raises:
         InputError: it has another form, or is no JSON.
     """
     try:
-        value: _Form = json.loads(data)
-    except (ValueError, RecursionError):
-        raise InputError("a message is no JSON") from None
+        value = parsed_json(data, MESSAGE_BOUNDS)
+    except DocumentError as error:
+        raise InputError(f"a message is no JSON within bounds: {error}") from None
+    with contextlib.suppress(AttributeError, KeyError, TypeError, ValueError):
+        value = value if renew is None else renew(value)
     if not form_check(form)(value):
         raise InputError(f"a message is no {form.__name__}")
-    return value
+    read: _Form = value
+    return read
 
 
 def head_of(form: HeadForm) -> LogHead:
@@ -230,8 +258,8 @@ def head_of(form: HeadForm) -> LogHead:
     Raises:
         InputError: another layout, or a value that is refused.
     """
-    if form["layout"] != LAYOUT:
-        raise InputError(f"its layout is {form['layout']}; this version reads {LAYOUT}")
+    if not 1 <= form["layout"] <= LAYOUT:
+        raise InputError(f"its layout is {form['layout']}; this version reads 1 to {LAYOUT}")
     unknown = form["limits"].keys() - {field.name for field in dataclasses.fields(SafetyLimits)}
     if unknown:
         raise InputError(f"there is no limit {min(unknown)!r}")
@@ -284,6 +312,18 @@ def decision_of(form: DecisionForm, window_samples: int) -> Decision:
         (x_m, y_m, z_m),
         form["changed"],
     )
+
+
+def event_of(form: EventForm) -> Event:
+    """The event that this is the JSON of.
+
+    Raises:
+        InputError: there is no such severity.
+    """
+    try:
+        return Event(form["time_ns"], Severity(form["severity"]), form["text"])
+    except ValueError as error:
+        raise InputError(f"an event is refused: {error}") from None
 
 
 def _array(values: Any, shape: tuple[int, ...], name: str) -> Any:

@@ -6,10 +6,12 @@ from typing import IO, Any
 
 from ...errors import InputError
 from ...files import require_writable_folder
+from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import Decision, Transition
 from .entries import (
     DECISION_TOPIC,
+    EVENT_TOPIC,
     FORMS,
     FRAME_TOPIC,
     HEAD_TOPIC,
@@ -18,6 +20,7 @@ from .entries import (
     LogHead,
     LossForm,
     decision_form,
+    event_form,
     head_form,
     to_json,
     transition_form,
@@ -66,7 +69,7 @@ class LogFile:
         )
         return self._writer.register_channel(topic, MessageEncoding.JSON, schema)
 
-    def write(self, item: Transition | Decision | Frame) -> None:
+    def write(self, item: Transition | Decision | Event | Frame) -> None:
         """One message.
 
         Raises:
@@ -76,6 +79,8 @@ class LogFile:
             self._add(TRANSITION_TOPIC, item.time_ns, to_json(transition_form(item)))
         elif isinstance(item, Decision):
             self._add(DECISION_TOPIC, item.time_ns, to_json(decision_form(item)))
+        elif isinstance(item, Event):
+            self._add(EVENT_TOPIC, item.time_ns, to_json(event_form(item)))
         else:
             self._add(FRAME_TOPIC, self._head.began_ns + round(item["time_s"] * 1e9), to_json(item))
 

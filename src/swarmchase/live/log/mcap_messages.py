@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO
 
 from ...errors import InputError
+from ...reading import opened
 from .mcap_library import (
     MCAP0_MAGIC,
     Channel,
@@ -55,15 +56,10 @@ def messages(path: Path) -> Iterator[LogMessage]:
         CutError: after the last message that is whole, where the file is cut or damaged.
         InputError: the file cannot be read or is no MCAP file.
     """
-    if path.exists() and not path.is_file():
-        raise InputError(f"cannot read {path}: it is no regular file")
-    try:
-        with open(path, "rb") as file:
-            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise InputError(f"{path} is no MCAP file")
-            yield from _messages(file)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    with opened(path, "log") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise InputError(f"{path} is no MCAP file")
+        yield from _messages(file)
 
 
 def _messages(file: IO[bytes]) -> Iterator[LogMessage]:

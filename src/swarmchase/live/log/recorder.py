@@ -12,6 +12,8 @@ from pathlib import Path
 from types import TracebackType
 
 from ...errors import InputError
+from ..alarms import Alarm
+from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import Decision, Transition
 from .entries import LogHead
@@ -19,13 +21,14 @@ from .file import LogFile, new_log_file
 
 FLUSH_S = 0.5
 MOST_WAITING_FRAMES = 200
-"""With more than this waiting for the disk, frames are lost; transitions and decisions"""
+"""With more than this waiting for the disk, frames are lost; transitions, decisions and events"""
 MOST_WAITING = 2000
 """only with more than this."""
 CLOSE_S = 5.0
 """So long ``close`` waits for the disk."""
 
-Item = Transition | Decision | Frame
+Entry = Transition | Decision | Event
+Item = Entry | Frame
 
 
 class ChaseRecorder:
@@ -49,8 +52,8 @@ class ChaseRecorder:
         self._thread = threading.Thread(target=self._write_all, name="chase recorder", daemon=True)
         self._thread.start()
 
-    def record(self, entry: Transition | Decision) -> None:
-        """Take in what the service records; never waits, never raises."""
+    def record(self, entry: Entry) -> None:
+        """Take in what the service records, or an event; never waits, never raises."""
         self._take(entry, MOST_WAITING)
 
     def record_frame(self, frame: Frame) -> None:
@@ -69,16 +72,18 @@ class ChaseRecorder:
 
     @property
     def lost_entries(self) -> int:
-        """The same for transitions and decisions."""
+        """The same for transitions, decisions and events."""
         return self._refused["entries"] + self._unwritten["entries"]
 
     @property
-    def alarms(self) -> list[str]:
+    def alarms(self) -> list[Alarm]:
         """What the operator should know of it."""
-        lost = f"{self.lost_frames} frames and {self.lost_entries} transitions and decisions"
+        lost = f"{self.lost_frames} frames and {self.lost_entries} transitions, decisions and events"
         if self._failure is not None:
-            return [f"{self._failure}; {lost} are lost"]
-        return [f"the log has lost {lost}"] if self.lost_frames or self.lost_entries else []
+            return [Alarm("log", f"{self._failure}; {lost} are lost", news=self._failure)]
+        if not (self.lost_frames or self.lost_entries):
+            return []
+        return [Alarm("log", f"the log has lost {lost}", news="the log loses what is to be recorded")]
 
     def close(self) -> None:
         """Write the rest and end the file. A disk that does not answer is not waited for for ever."""
@@ -167,4 +172,4 @@ def _begun(path: Path, head: LogHead) -> LogFile:
 
 
 def _kind(item: Item) -> str:
-    return "entries" if isinstance(item, Transition | Decision) else "frames"
+    return "entries" if isinstance(item, Entry) else "frames"

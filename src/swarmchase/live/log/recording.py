@@ -5,28 +5,33 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
+from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import ChaseState, Decision, Transition
 from .entries import (
     DECISION_TOPIC,
+    EVENT_TOPIC,
     FRAME_TOPIC,
     HEAD_TOPIC,
     LOSS_TOPIC,
     TRANSITION_TOPIC,
     DecisionForm,
+    EventForm,
     HeadForm,
     LogHead,
     LossForm,
     TransitionForm,
     decision_of,
+    event_of,
     from_json,
     head_of,
     transition_of,
 )
+from .layouts import renewed_frame
 from .mcap_messages import CutError, LogMessage, messages
 
 MOST_ENTRY_BYTES = 512 * 2**20
-"""Of transitions and decisions, which are held in memory: a hundred times what the longest chase of the paper needs."""
+"""Of transitions, decisions and events, which are held in memory: a hundred times those of the longest chase."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +39,19 @@ class Recording:
     """What a log holds. Its frames stay on disk."""
 
     path: Path
+    layout: int
     head: LogHead
     transitions: tuple[Transition, ...]
     decisions: tuple[Decision, ...]
+    events: tuple[Event, ...]
+    """None in logs of layout 1."""
     num_frames: int
     seconds: float
     """From the head to whatever is the last."""
     lost_frames: int
     """So many the recorder could not keep up with;"""
     lost_entries: int
-    """and so many transitions and decisions."""
+    """and so many transitions, decisions and events."""
     cut: str
     """Where and why it is not whole; else empty."""
 
@@ -73,10 +81,11 @@ class Recording:
         Raises:
             InputError: the file cannot be read any more, or a frame has another form.
         """
+        renew = renewed_frame if self.layout == 1 else None
         try:
             for message in messages(self.path):
                 if message.topic == FRAME_TOPIC:
-                    yield from_json(message.data, Frame)
+                    yield from_json(message.data, Frame, renew)
         except CutError:
             return
 
@@ -105,6 +114,8 @@ class _Reading:
         self._head: LogHead | None = None
         self._transitions: list[Transition] = []
         self._decisions: list[Decision] = []
+        self._events: list[Event] = []
+        self._layout = 0
         self._num_frames = self._entry_bytes = self._last_ns = 0
         self._loss = LossForm(frames=0, entries=0)
 
@@ -121,17 +132,20 @@ class _Reading:
         if self._head is None:
             if topic != HEAD_TOPIC:
                 raise InputError("it does not begin with the head of a chase")
-            self._head = head_of(from_json(data, HeadForm))
+            form = from_json(data, HeadForm)
+            self._head, self._layout = head_of(form), form["layout"]
         elif topic == FRAME_TOPIC:
             self._num_frames += 1
         elif topic == LOSS_TOPIC:
             self._loss = from_json(data, LossForm)
-        elif topic in {TRANSITION_TOPIC, DECISION_TOPIC}:
+        elif topic in {TRANSITION_TOPIC, DECISION_TOPIC, EVENT_TOPIC}:
             self._entry_bytes += len(data)
             if self._entry_bytes > MOST_ENTRY_BYTES:
-                raise InputError(f"its transitions and decisions have more than {MOST_ENTRY_BYTES} bytes")
+                raise InputError(f"its transitions, decisions and events have more than {MOST_ENTRY_BYTES} bytes")
             if topic == TRANSITION_TOPIC:
                 self._transitions.append(transition_of(from_json(data, TransitionForm)))
+            elif topic == EVENT_TOPIC:
+                self._events.append(event_of(from_json(data, EventForm)))
             else:
                 window_samples = self._head.scenario.window_samples
                 self._decisions.append(decision_of(from_json(data, DecisionForm), window_samples))
@@ -143,9 +157,11 @@ class _Reading:
         began_ns = self._head.wall_ns(self._head.began_ns)
         return Recording(
             self._path,
+            self._layout,
             self._head,
             tuple(self._transitions),
             tuple(self._decisions),
+            tuple(self._events),
             self._num_frames,
             max(0, self._last_ns - began_ns) / 1e9,
             self._loss["frames"],

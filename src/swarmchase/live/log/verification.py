@@ -94,5 +94,5 @@ def _doubts(recording: Recording, head: LogHead) -> list[str]:
     if weights != head.weights_sha256:
         doubts.append(f"recorded with the weights {head.weights_sha256}, asked with {weights}")
     if recording.lost_entries:
-        doubts.append(f"the recorder has lost {recording.lost_entries} transitions and decisions")
+        doubts.append(f"the recorder has lost {recording.lost_entries} transitions, decisions and events")
     return doubts

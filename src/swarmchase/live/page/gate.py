@@ -34,10 +34,11 @@ class Gate:
         names: host names, besides IP addresses and localhost, under which the page may be asked for, in lower case.
         token: what the first request's query must hold; the browser then keeps a cookie. None: not asked for.
         port: for the cookie's name, because cookies do not tell ports apart.
+        address: of the page, without a token, for people who are refused.
     """
 
-    def __init__(self, app: ASGIApp, names: frozenset[str], token: str | None, port: int) -> None:
-        self._app, self._names, self._token = app, names, token
+    def __init__(self, app: ASGIApp, names: frozenset[str], token: str | None, port: int, address: str) -> None:
+        self._app, self._names, self._token, self._address = app, names, token, address
         self._cookie = f"swarmchase-page-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -45,9 +46,11 @@ class Gate:
         connection = HTTPConnection(scope)
         refusal = self._refusal(connection)
         is_socket = scope["type"] == "websocket"
-        if refusal is not None:
-            answer = WebSocketClose(1008, refusal) if is_socket else PlainTextResponse(f"{refusal}\n", 403)
-            await answer(scope, receive, send)
+        if refusal is not None and is_socket:
+            await WebSocketClose(1008, refusal)(scope, receive, send)
+        elif refusal is not None:
+            answer = PlainTextResponse(f"swarmchase: {refusal}.\n\n{self._advice()}\n", 403)
+            await answer(scope, receive, self._with_headers(send, sets_cookie=False))
         elif is_socket:
             await self._app(scope, receive, send)
         else:
@@ -63,8 +66,24 @@ class Gate:
         if origin is not None and origin.lower() not in {f"http://{host}", f"https://{host}"}:
             return "another Origin than this page"
         if not (self._token is None or self._came_with_token(connection) or self._came_with_cookie(connection)):
-            return "the token is missing or wrong: open the address that swarmchase has printed"
+            return "the token is missing or wrong"
         return None
+
+    def _advice(self) -> str:
+        """What a person who is refused can do. It is the same whatever was asked for, and says no token."""
+        lines = [
+            f"Open {self._address} itself, in the address bar and not from another page.",
+            "Instead of its name there may stand the machine's IP address, localhost on the machine itself, or: "
+            f"{', '.join(sorted(self._names))}.",
+            "For another name, start swarmchase with it: --page NAME:PORT.",
+        ]
+        if self._token is not None:
+            lines.insert(
+                1,
+                'Its address has to end in ?token=... when it is first opened in a browser: take the whole line "The '
+                'page is at ..." that swarmchase printed when it started. Each start has another token.',
+            )
+        return "\n".join(lines)
 
     def _is_own_host(self, host: str) -> bool:
         """An address cannot be made to point elsewhere; a name can, so it must be one of ours."""

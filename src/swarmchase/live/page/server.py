@@ -19,12 +19,12 @@ except ImportError as error:
     raise InputError("the page needs starlette, uvicorn and websockets: pip install 'swarmchase[live]'") from error
 
 from .browser import Browser
+from .connection import PageConnection
 from .feed import Feed
 from .gate import Gate
 from .static_files import StaticFiles
 
 MOST_BROWSERS = 16
-MOST_CONNECTIONS = 100
 LONGEST_MESSAGE_BYTES = 1000
 """A browser only sends words and times."""
 PING_S = 5.0
@@ -57,16 +57,22 @@ class PageServer:
         self._port: int = self._listening.getsockname()[1]
         self._name = socket.gethostname() if address.is_unspecified else host
         self._feed, self._browsers = feed, 0
-        self._server = uvicorn.Server(self._config(frozenset({self._name.lower(), host.lower()})))
+        names = {self._name} | (set() if address.is_loopback else _names_of_this_machine())
+        self._server = uvicorn.Server(self._config(frozenset(name.lower() for name in names)))
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="page", daemon=True)
         self._thread.start()
 
     @property
+    def _address(self) -> str:
+        """Without a token."""
+        name = f"[{self._name}]" if ":" in self._name else self._name
+        return f"http://{name}:{self._port}/"
+
+    @property
     def url(self) -> str:
         """The address to open, with the token if there is one."""
-        name = f"[{self._name}]" if ":" in self._name else self._name
         query = "" if self._token is None else f"?token={quote(self._token, safe='')}"
-        return f"http://{name}:{self._port}/{query}"
+        return f"{self._address}{query}"
 
     @property
     def port(self) -> int:
@@ -81,13 +87,14 @@ class PageServer:
 
     def _config(self, names: frozenset[str]) -> uvicorn.Config:
         pages = StaticFiles()
+        gate = Middleware(Gate, names=names, token=self._token, port=self._port, address=self._address)
         app = Starlette(
             routes=[
                 Route("/", pages.answer),
                 Route("/static/{path:path}", pages.answer),
                 WebSocketRoute("/socket", self._serve_browser),
             ],
-            middleware=[Middleware(Gate, names=names, token=self._token, port=self._port)],
+            middleware=[gate],
         )
         return uvicorn.Config(
             app,
@@ -97,10 +104,9 @@ class PageServer:
             access_log=False,
             server_header=False,
             proxy_headers=False,
-            limit_concurrency=MOST_CONNECTIONS,
             timeout_graceful_shutdown=CLOSING_S,
             loop="asyncio",
-            http="h11",
+            http=PageConnection,
             ws="websockets-sansio",
             ws_max_size=LONGEST_MESSAGE_BYTES,
             ws_ping_interval=PING_S,
@@ -126,6 +132,15 @@ class PageServer:
             await Browser(self._feed, browser).serve()
         finally:
             self._browsers -= 1
+
+
+def _names_of_this_machine() -> set[str]:
+    """Those that it gives itself, and is known by in its own network (mDNS); what a name server calls it is not asked
+    for: that may take long, and others could have a say in it.
+    """
+    name = socket.gethostname()
+    first = name.partition(".")[0]
+    return {name, first, f"{first}.local"}
 
 
 def _listening_socket(host: str, port: int) -> socket.socket:

@@ -1,10 +1,12 @@
 """What a live chase is doing: its states, what is recorded of it, and what a page shows."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
+from ...controllers.condition import Condition
 from ...controllers.explanation import Explanation
-from ..link.messages import Metres, TrackerMode
+from ..link.messages import Metres, Notice, TrackerMode, VehicleState
 from .sample_window import Levels, Points
 
 
@@ -29,6 +31,8 @@ class ChaseState(Enum):
     """Told to stay, then told nothing any more: their own fallback takes over."""
 
 
+ENDED = frozenset({ChaseState.REACHED, ChaseState.LOST, ChaseState.ABORTED})
+"""In these a chase has a result."""
 UNDER_WAY = frozenset({ChaseState.CONNECTING, ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.HOLDING})
 """From these a chase can still be held or declared reached."""
 
@@ -81,6 +85,30 @@ class TrackerSnapshot:
     """Of its last window."""
     rssi_dbm: tuple[float, ...]
     """Its last window, oldest first; NaN where nothing valid came."""
+    left_out: str = ""
+    """Why it is left out; empty where it counts."""
+    vehicle: VehicleState | None = None
+    position_hz: float | None = None
+    """How often it said where it was, of late; None where that is not known."""
+    notices: tuple[Notice, ...] = ()
+    """The newest lines for people of its autopilot, its receiver and its agent, oldest first."""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    """Samples that it reported and that are no levels, by reason."""
+
+
+@dataclass(frozen=True)
+class PreflightCheck:
+    """One thing that is looked at before the trackers are led."""
+
+    name: str
+    passed: bool | None
+    """None where nobody can say: that holds up nothing."""
+    text: str
+    """What was found."""
+    tracker: int | None = None
+    """None where it is about all."""
+    may_be_overridden: bool = True
+    """By the operator's word."""
 
 
 @dataclass(frozen=True)
@@ -106,3 +134,9 @@ class Snapshot:
     """In SAMPLING: the window begins with the first valid sample taken then or later."""
     recorder_failures: int
     """How often the recorder has failed."""
+    preflight: tuple[PreflightCheck, ...] = ()
+    """What is looked at before the trackers are led; empty from then on."""
+    pulled_back: int = 0
+    """In how many steps a set-point was pulled back, since somebody had come into its tracker's way."""
+    condition: Condition = Condition.TRACKING
+    """What the controller says of itself, after its last decision."""

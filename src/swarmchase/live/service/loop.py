@@ -1,4 +1,4 @@
-"""The loop around the controller service: keeps its pace, passes on the operator's words, tells what happens, and ends
+"""The loop around the controller service: keeps its pace, passes on the operator's words, shows what happens, and ends
 when the chase has ended.
 """
 
@@ -8,8 +8,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from ...evaluation.statistics import nearest_rank_percentile
+from ...processes.stop_request import StopRequest
 from ..link.mavlink import ControllerMavlinkLink
-from ..stop_request import StopRequest
 from ..ticker import Ticker
 from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from .operator_words import WORDS, OperatorWord
@@ -32,27 +32,21 @@ Watcher = Callable[[Snapshot, float | None], None]
 
 
 class Journal:
-    """The service's recorder: tells every transition, notes that a decision was made, and passes all on to the log.
+    """The service's recorder: notes that a decision was made, and passes all on.
 
     Args:
-        log: is given every entry; None where there is none.
+        takers: are given every entry, one after the other.
     """
 
-    def __init__(self, tell: Tell, log: Recorder | None = None) -> None:
+    def __init__(self, takers: Sequence[Recorder] = ()) -> None:
         self.has_decided = False
-        self._tell = tell
-        self._log = log
-        self._began_ns = time.monotonic_ns()
+        self._takers = takers
 
     def __call__(self, entry: Transition | Decision) -> None:
         """Take in what the service records."""
-        if self._log is not None:
-            self._log(entry)
-        if isinstance(entry, Decision):
-            self.has_decided = True
-        else:
-            seconds = (entry.time_ns - self._began_ns) / 1e9
-            self._tell(f"{seconds:7.1f} s  {entry.before.value} -> {entry.after.value}: {entry.reason}")
+        self.has_decided |= isinstance(entry, Decision)
+        for take in self._takers:
+            take(entry)
 
 
 @dataclass(frozen=True)
@@ -67,6 +61,8 @@ class ServeSummary:
     """Since the loop began."""
     rejected: dict[str, int]
     """Datagrams that the link dropped, by reason."""
+    rejected_skew_s: dict[str, dict[str, float]]
+    """Where the reason was their time, by reason and sender: see ``RejectedError``, of the newest."""
     decision_latency_p50_ms: float | None
     """See ``ServeLoop.step``; None without a decision."""
     decision_latency_p99_ms: float | None
@@ -97,6 +93,7 @@ class ServeLoop:
         self._request, self._tell, self._watchers, self._stay = request, tell, watchers, stay
         self._acts: dict[str, Callable[[], None]] = {
             OperatorWord.START: service.start,
+            OperatorWord.OVERRIDE: service.override,
             OperatorWord.HOLD: service.hold,
             OperatorWord.RESUME: service.resume,
             OperatorWord.REACHED: service.declare_reached,
@@ -106,8 +103,6 @@ class ServeLoop:
         self._quits = False
         self._ended_s: float | None = None
         self._latency_s: deque[float] = deque(maxlen=MOST_LATENCIES)
-        self._told_rejections: set[str] = set()
-        self._told_state_errors = False
 
     def run(self) -> ServeSummary:
         """Until the end of the chase, and so long after it that trackers have heard of it."""
@@ -123,7 +118,6 @@ class ServeLoop:
             snapshot = self._service.snapshot()
             for watch in self._watchers:
                 watch(snapshot, latency_s)
-            self._tell_troubles()
             self._listen_until_next(ticker)
         snapshot = self._service.snapshot()
         return ServeSummary(
@@ -132,6 +126,7 @@ class ServeLoop:
             movements=snapshot.movements,
             seconds=round(time.monotonic() - began_s, 3),
             rejected={str(reason): count for reason, count in sorted(self._link.rejected.items())},
+            rejected_skew_s=self._link.rejections.skew_s(),
             decision_latency_p50_ms=percentile_ms(self._latency_s, 50),
             decision_latency_p99_ms=percentile_ms(self._latency_s, 99),
         )
@@ -181,15 +176,6 @@ class ServeLoop:
         now_s = time.monotonic()
         self._ended_s = now_s if self._ended_s is None else self._ended_s
         return now_s - self._ended_s >= TOLD_S
-
-    def _tell_troubles(self) -> None:
-        """Each once: who waits for a tracker wants to know that it is turned away."""
-        if self._link.state_errors and not self._told_state_errors:
-            self._told_state_errors = True
-            self._tell("the link's timestamps cannot be written: after a restart, recorded packets could be accepted")
-        for reason in self._link.rejected.keys() - self._told_rejections:
-            self._told_rejections.add(reason)
-            self._tell(f"rejected a datagram: {reason} (told once, counted always)")
 
 
 def percentile_ms(seconds: Collection[float], percent: int) -> float | None:

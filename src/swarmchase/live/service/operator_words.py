@@ -13,6 +13,8 @@ class OperatorWord(StrEnum):
 
     START = "start"
     """Begin to command trackers."""
+    OVERRIDE = "override"
+    """Begin although the preflight has not passed."""
     HOLD = "hold"
     """Stay until ``RESUME``."""
     RESUME = "resume"

@@ -4,7 +4,10 @@
 share of their way. Fence and altitudes move the centre and keep the shape; a spacing that is too narrow is widened; a
 way on which two trackers, or a tracker and one that is not commanded, would come nearer than the least separation is
 flown in turns or by a detour, or with another spacing, or beside the wanted centre, or not at all. ``SetPointStream``
-then streams the legs at the permitted speed and checks every set-point again.
+then streams the legs at the permitted speed and checks at every step where the vehicles are and may get.
+
+Set-points are planned ``ROOM_M`` further apart than the vehicles' ways must be, so that vehicles need not be exactly
+where they should: without room nobody who flies behind another could ever set out first.
 
 Where the trackers are outside the limits already, nothing may get worse: none gets further out on any axis, and no pair
 that is too near comes nearer.
@@ -21,6 +24,7 @@ from ...ranges import require_ranges
 from ..link.messages import FARTHEST_M
 from .limit_values import LimitValues
 from .sample_window import Point, Points
+from .separation import ROUNDING_M
 
 Legs = tuple[Points, ...]
 
@@ -28,10 +32,11 @@ TRACKER_DIRECTION = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 
 """As in ``swarmchase.formation``, which needs torch."""
 NEIGHBOUR_DISTANCE = math.sqrt(2)
 """Of two trackers on different axes, per metre of spacing: the nearest of any two in the formation."""
+ROOM_M = 0.4
+"""So much further than the least separation set-points are planned apart. The paper's narrowest formation has it at the
+default limit: sqrt(2) m between neighbours."""
 PLANNING_MARGIN_M = 1e-6
-"""Ways are planned with so much more separation than set-points are checked for, and compared with"""
-ROUNDING_M = 1e-9
-"""so much tolerance, lest rounding stops a flight."""
+"""Lest rounding stops a flight, they are planned so much further apart again."""
 DETOURS = (2.0, 4.0)
 """Ways around an obstacle lead aside by so many separations."""
 
@@ -79,9 +84,10 @@ def formation_m(center_m: Point, spacing_m: float) -> Points:
     return center_m + spacing_m * TRACKER_DIRECTION
 
 
-def is_clear(start_m: Points, end_m: Points, obstacles_m: Points, separation_m: float) -> bool:
-    """Whether trackers on straight synchronous ways keep their separation from one another and from the obstacles; a
-    pair that is too near already must not come nearer.
+def is_clear(start_m: Points, end_m: Points, obstacles_m: Points, separation_m: float, room_m: float = 0.0) -> bool:
+    """Whether trackers on straight synchronous ways keep their separation, and the room beyond it, from one another and
+    from the obstacles. A pair that begins without the room keeps the separation; one that is too near already must not
+    come nearer.
 
     Rows of NaN are trackers that do not count.
     """
@@ -94,7 +100,9 @@ def is_clear(start_m: Points, end_m: Points, obstacles_m: Points, separation_m: 
     squared = (change_m**2).sum(axis=1)
     share = np.clip(-(apart_m * change_m).sum(axis=1) / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
     least_m = np.linalg.norm(apart_m + share[:, None] * change_m, axis=1)
-    needed_m = np.minimum(separation_m, np.linalg.norm(apart_m, axis=1))
+    begins_m = np.linalg.norm(apart_m, axis=1)
+    whole_m = separation_m + room_m
+    needed_m = np.where(begins_m >= whole_m, whole_m, np.minimum(separation_m, begins_m))
     return bool((least_m >= needed_m - ROUNDING_M).all())
 
 
@@ -110,7 +118,7 @@ class SafetyFilter:
     def __init__(self, limits: SafetyLimits, spacing_choices_m: tuple[float, ...]) -> None:
         self.limits = limits
         self._spacing_choices_m = sorted(spacing_choices_m)
-        self._separation_m = limits.minimum_separation_m + PLANNING_MARGIN_M
+        self._separation_m = limits.minimum_separation_m + ROOM_M + PLANNING_MARGIN_M
 
     def move(
         self,
@@ -142,6 +150,7 @@ class SafetyFilter:
         spacing_m = min(max(wanted_spacing_m, least_m), most_m)
         center_m = self._fenced_m(wanted_center_m, spacing_m)
         limited = _differences(wanted_center_m, wanted_spacing_m, center_m, spacing_m)
+        limited = [f"{one}{_limits_met(wanted_center_m, center_m)}" if "centre" in one else one for one in limited]
         starts_m = (set_point_m, position_m)
         for other_center_m, other_spacing_m in self._alternatives(center_m, spacing_m, least_m, most_m):
             end_m = np.where(np.isfinite(set_point_m), formation_m(other_center_m, other_spacing_m), np.nan)
@@ -211,7 +220,8 @@ class SafetyFilter:
         """Whether all legs keep to the limits, the first one both from the set-points and from the positions."""
         starts = [starts_m, *((leg_m,) for leg_m in legs[:-1])]
         return all(
-            is_inside(self.limits, start_m, leg_m) and is_clear(start_m, leg_m, obstacles_m, self._separation_m)
+            is_inside(self.limits, start_m, leg_m)
+            and is_clear(start_m, leg_m, obstacles_m, self.limits.minimum_separation_m, ROOM_M + PLANNING_MARGIN_M)
             for leg_starts_m, leg_m in zip(starts, legs, strict=True)
             for start_m in leg_starts_m
         )
@@ -235,6 +245,13 @@ class SafetyFilter:
             legs.append(to_m)
             at_m, really_at_m = to_m, really_to_m
         return tuple(legs)
+
+
+def _limits_met(wanted_m: Point, center_m: Point) -> str:
+    """Which limits keep a centre from where it is wanted."""
+    east_m, north_m, up_m = (center_m - wanted_m).tolist()
+    met = ["the fence"] * bool(east_m or north_m) + ["the lowest altitude"] * (up_m > 0)
+    return f" to keep {' and '.join(met + ['the highest altitude'] * (up_m < 0))}"
 
 
 def _differences(one_center_m: Point, one_spacing_m: float, center_m: Point, spacing_m: float) -> list[str]:

@@ -9,11 +9,16 @@ A tracker should date its samples by a grid of its own (time of the first plus a
 samples faster than F is thinned out, one that samples slower leaves cells empty.
 """
 
-from collections import deque
+from collections import Counter, deque
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 
+from ...levels import NoLevel, highest_dbm, is_level, why_no_level
+from ...observation import wild_samples
+from ...scenario import Scenario
 from ..link.messages import RssiWindow
 from ..link.sample_grid import SampleGrid
 
@@ -76,12 +81,17 @@ class ClockOffset:
 
 
 class SampleWindow:
-    """The last samples of one tracker. All times are nanoseconds of the tracker's clock."""
+    """The last samples of one tracker. All times are nanoseconds of the tracker's clock.
 
-    def __init__(self, sampling_hz: float, window_samples: int) -> None:
-        self._grid = SampleGrid(sampling_hz)
-        self._window_samples = window_samples
-        self._room = 2 * window_samples + int(np.ceil(KEPT_BEYOND_WINDOW_S * sampling_hz))
+    What is no level of the scenario's transmitter is missing, and so is what is wild in its window (``levels``).
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._grid = SampleGrid(scenario.sampling_hz)
+        self._window_samples, self._highest_dbm = scenario.window_samples, highest_dbm(scenario)
+        self._room = 2 * scenario.window_samples + int(np.ceil(KEPT_BEYOND_WINDOW_S * scenario.sampling_hz))
+        self.dropped: Counter[NoLevel] = Counter()
+        """Samples that were reported and are no levels, by reason; one reported again and again counts once."""
         self.forget()
 
     def forget(self) -> None:
@@ -89,13 +99,20 @@ class SampleWindow:
         # Cell c lives at place c modulo the room, until a newer one takes the place.
         self._cell: Times = np.full(self._room, NEVER, dtype=np.int64)
         self._time_ns: Times = np.zeros(self._room, dtype=np.int64)
+        self._message_ns: Times = np.zeros(self._room, dtype=np.int64)
+        """Of the message that the sample came with: when it was sent."""
         self._rssi_dbm: Levels = np.full(self._room, np.nan)
+        self._reported_dbm: Levels = np.full(self._room, np.nan)
+        """The same, but for what was reported and is no level."""
+        self._newest_wild = NEVER
+        """Up to this cell wild samples are counted."""
         self.newest_valid_ns: int | None = None
         """When the newest valid sample was taken."""
 
     def add(self, message: RssiWindow) -> None:
         """File the samples of a message."""
-        rssi_dbm = np.array(message.rssi_dbm, dtype=np.float64)
+        reported_dbm = np.array(message.rssi_dbm, dtype=np.float64)
+        rssi_dbm = np.where(is_level(reported_dbm, self._highest_dbm), reported_dbm, np.nan)
         ago = np.arange(len(rssi_dbm) - 1, -1, -1)
         time_ns = message.time_ns - np.rint(ago * (1e9 / message.sampling_hz)).astype(np.int64)
         valid = np.isfinite(rssi_dbm)
@@ -103,39 +120,61 @@ class SampleWindow:
             self.newest_valid_ns = max(int(time_ns[valid][-1]), self.newest_valid_ns or 0)
         cell = self._grid.cell(time_ns)
         # The best last, which then stays where a message has several samples for one cell.
-        order = np.lexsort(self._merits(cell, time_ns, rssi_dbm))
-        cell, time_ns, rssi_dbm = cell[order], time_ns[order], rssi_dbm[order]
+        message_ns = np.full_like(time_ns, message.time_ns)
+        order = np.lexsort(self._merits(cell, time_ns, message_ns, rssi_dbm))
+        cell, time_ns, rssi_dbm, reported_dbm = cell[order], time_ns[order], rssi_dbm[order], reported_dbm[order]
         place = cell % self._room
-        better = (cell > self._cell[place]) | ((cell == self._cell[place]) & self._is_better(cell, time_ns, rssi_dbm))
+        newer, same = cell > self._cell[place], cell == self._cell[place]
+        better = newer | (same & self._is_better(cell, time_ns, message_ns, rssi_dbm))
         place = place[better]
+        self._count_dropped(reported_dbm[better], rssi_dbm[better], self._reported_dbm[place], newer[better])
         self._cell[place], self._time_ns[place] = cell[better], time_ns[better]
-        self._rssi_dbm[place] = rssi_dbm[better]
+        self._message_ns[place] = message.time_ns
+        self._rssi_dbm[place], self._reported_dbm[place] = rssi_dbm[better], reported_dbm[better]
 
-    def _merits(self, cell: Times, time_ns: Times, rssi_dbm: Levels) -> tuple[Levels, Times, Flags]:
+    def _count_dropped(self, reported_dbm: Levels, rssi_dbm: Levels, before_dbm: Levels, newer: Flags) -> None:
+        """Of the samples that are filed now, those that are no levels and are not already there."""
+        counts = np.isnan(rssi_dbm) & ~np.isnan(reported_dbm) & (newer | (reported_dbm != before_dbm))
+        for one_dbm in reported_dbm[counts].tolist():
+            self.dropped[why_no_level(one_dbm)] += 1
+
+    def _merits(self, cell: Times, time_ns: Times, message_ns: Times, rssi_dbm: Levels) -> tuple[npt.NDArray[Any], ...]:
         """What makes one sample better for its cell than another, the most important last: that it is valid, how near
-        it was taken to the cell's middle, and (so that the order of arrival never decides) its level.
+        it was taken to the cell's middle, how late it was sent, and (so that the order of arrival never decides) how
+        weak it is.
         """
         valid = np.isfinite(rssi_dbm)
-        return np.where(valid, rssi_dbm, 0.0), -np.abs(time_ns - self._grid.middle_ns(cell)), valid
+        return np.where(valid, -rssi_dbm, 0.0), message_ns, -np.abs(time_ns - self._grid.middle_ns(cell)), valid
 
-    def _is_better(self, cell: Times, time_ns: Times, rssi_dbm: Levels) -> Flags:
+    def _is_better(self, cell: Times, time_ns: Times, message_ns: Times, rssi_dbm: Levels) -> Flags:
         """Whether these samples are better than what their cells hold."""
         place = cell % self._room
-        level, nearness, valid = self._merits(cell, time_ns, rssi_dbm)
-        old_level, old_nearness, old_valid = self._merits(cell, self._time_ns[place], self._rssi_dbm[place])
-        nearer = (nearness > old_nearness) | ((nearness == old_nearness) & (level > old_level))
-        return np.asarray((valid & ~old_valid) | ((valid == old_valid) & nearer))
+        old = self._merits(cell, self._time_ns[place], self._message_ns[place], self._rssi_dbm[place])
+        better: Flags = np.zeros(len(cell), dtype=np.bool_)
+        for merit, old_merit in zip(self._merits(cell, time_ns, message_ns, rssi_dbm), old, strict=True):
+            better = np.asarray((merit > old_merit) | ((merit == old_merit) & better))
+        return better
 
     def window(self, since_ns: int) -> tuple[Levels, Times]:
         """The first ``window_samples`` samples taken at or after this moment: their levels in dBm, NaN where nothing
-        valid has come, and when they were taken.
+        valid has come or what came is wild, and when they were taken.
         """
         cell = self._first_cell(since_ns) + np.arange(self._window_samples)
         place = cell % self._room
         there = self._cell[place] == cell
         # Nothing is known of a missing sample's moment but its cell, and that it is not before the window.
         missing_ns = np.maximum(self._grid.middle_ns(cell), since_ns)
-        return np.where(there, self._rssi_dbm[place], np.nan), np.where(there, self._time_ns[place], missing_ns)
+        rssi_dbm = self._without_wild(np.where(there, self._rssi_dbm[place], np.nan), cell)
+        return rssi_dbm, np.where(there, self._time_ns[place], missing_ns)
+
+    def _without_wild(self, rssi_dbm: Levels, cell: Times) -> Levels:
+        wild = wild_samples(torch.from_numpy(rssi_dbm)[None, :, None])
+        if wild is None:
+            return rssi_dbm
+        found = wild[0, :, 0].numpy()
+        self.dropped[NoLevel.WILD] += int((cell[found] > self._newest_wild).sum())
+        self._newest_wild = max(self._newest_wild, int(cell[found].max()))
+        return np.where(found, np.nan, rssi_dbm)
 
     def first_valid_ns(self, since_ns: int) -> int | None:
         """When the first valid sample at or after this moment was taken; None before there is one."""

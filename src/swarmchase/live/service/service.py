@@ -23,10 +23,11 @@ from ...observation import Observation
 from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
 from ..link.messages import SetPoint
-from ..link.protocol import Link
-from .chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from ..link.protocol import ControllerLink
+from .chase_state import UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
+from .preflight import beyond_the_fence, failing, in_words, preflight
 from .safety import Move, SafetyFilter, SafetyLimits
 from .sample_window import Point
 from .settings import ServiceSettings
@@ -55,7 +56,7 @@ class ControllerService:
         self,
         scenario: Scenario,
         controller: Controller,
-        link: Link,
+        link: ControllerLink,
         clock: Clock,
         limits: SafetyLimits,
         recorder: Recorder,
@@ -79,11 +80,12 @@ class ControllerService:
         self._entered_ns = self._now_ns
         self._origin_m: Point | None = None
         self._movements = self._deaf_windows = self._recorder_failures = 0
-        self._operator_holds = False
+        self._operator_holds = self._overrides = False
         self._retry_ns = self._now_ns
         self._last_decision: Decision | None = None
         self._to_explain: Observation | None = None
         self._explanation: Explanation | None = None
+        self._condition = Condition.TRACKING
 
     # What the operator says
 
@@ -92,6 +94,11 @@ class ControllerService:
         if self.state is ChaseState.IDLE:
             self._go(ChaseState.CONNECTING, "the operator starts")
 
+    def override(self) -> None:
+        """Begin although the preflight has not passed."""
+        if self.state in {ChaseState.IDLE, ChaseState.CONNECTING}:
+            self._overrides = True
+
     def hold(self) -> None:
         """Stay until ``resume``."""
         if self.state in UNDER_WAY and not self._operator_holds:
@@ -99,12 +106,14 @@ class ControllerService:
             self._hold("the operator holds")
 
     def resume(self) -> None:
-        """Go on after ``hold``, or after the target was taken for reached and is not."""
+        """Go on after a false ``REACHED``, or after holding, also with who was left out and is where it should be."""
         if self.state is ChaseState.REACHED:
             self._judge.forget()
             self._go(ChaseState.HOLDING, "the operator says that it is not reached")
-        elif self._operator_holds and self.state is ChaseState.HOLDING:
-            self._go(ChaseState.HOLDING, "the operator resumes")
+        elif self.state is ChaseState.HOLDING:
+            self._swarm.forgive()
+            if self._operator_holds:
+                self._go(ChaseState.HOLDING, "the operator resumes")
         self._operator_holds = False
 
     def declare_reached(self) -> None:
@@ -131,15 +140,16 @@ class ControllerService:
         self.listen()
         elapsed_s, self._last_step_ns = (self._now_ns - self._last_step_ns) / 1e9, self._now_ns
         if self.state is not ChaseState.IDLE:
-            self._swarm.take_stock(may_join=self.state is not ChaseState.ABORTED)
+            # While it is not known who contradicts the others nobody is told anything: by another frame it flew off.
+            self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
-        self._swarm.stream.advance(elapsed_s, self._swarm.positions_m(), self._swarm.obstacles_m())
+        self._swarm.stream.advance(elapsed_s, self._swarm.traffic())
         self._speak()
 
     def _act(self) -> None:
         """What the state asks for."""
         if self.state in {ChaseState.SAMPLING, ChaseState.MOVING} and not self._has_enough():
-            self._hold(f"{len(self._swarm.usable())} trackers are too few")
+            self._hold(f"{len(self._swarm.usable())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
         elif self.state is ChaseState.SAMPLING:
@@ -150,24 +160,37 @@ class ControllerService:
             self._try_to_resume()
 
     def _connect(self) -> None:
-        """Begin with all six, or after a while with enough of them."""
-        if not self._has_enough():
+        """Begin with all six, or after a while with enough of them that agree on where the formation is."""
+        if self._swarm.there().sum() < self._settings.minimum_trackers:
             self._entered_ns = self._now_ns
             return
-        number = len(self._swarm.usable())
-        if number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s:
-            center_m, spacing_m = self._swarm.center_and_spacing_m()
-            self._origin_m = center_m
-            self._pace.stand(Move(center_m, spacing_m, (), ""), self._now_ns)
-            self._go(ChaseState.SAMPLING, f"{number} trackers are there")
+        estimate = self._swarm.formation_estimate()
+        number = int(estimate.agrees.sum())
+        self._swarm.begin_with(estimate)
+        has_waited = number == NUM_TRACKERS or self._seconds_in_state() >= self._settings.connect_wait_s
+        failed = [one for one in self._preflight() if one.passed is False]
+        if has_waited and number >= self._settings.minimum_trackers and not failing(failed, self._overrides):
+            self._origin_m = estimate.center_m
+            self._swarm.take_stock(may_join=True)
+            self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
+            words = [f"{number} trackers are there", f"overridden: {in_words(failed)}" if failed else ""]
+            words.append(beyond_the_fence(self._scenario, self._filter.limits, metres(estimate.center_m)))
+            self._go(ChaseState.SAMPLING, "; ".join(filter(None, words)))
+
+    def _preflight(self) -> tuple[PreflightCheck, ...]:
+        """As it is now; nothing once the trackers are led."""
+        if self.state not in {ChaseState.IDLE, ChaseState.CONNECTING}:
+            return ()
+        clocks_ahead_s = self._link.clocks_ahead_s()
+        return preflight(self._scenario, self._filter.limits, self._swarm.snapshots(), clocks_ahead_s)
 
     def _sample(self) -> None:
         """Judge by the window and decide, once there is one."""
         window = self._pace.window(self._now_ns)
         if window is None:
             return
-        if self._judge.is_reached(window.rssi_dbm, window.center_distance_m):
-            self._stop(ChaseState.REACHED, "every tracker hears the target as near as the success radius asks for")
+        if self._judge.is_reached(window.rssi_dbm, window.offset_m):
+            self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
         elif self._movements >= self._scenario.max_movements:
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
         else:
@@ -183,14 +206,16 @@ class ControllerService:
             spacing_m = float(action.spacing_m[0])
             x_m, y_m, z_m = action.displacement_m[0].tolist()
             condition = getattr(memory, "condition", None)
-            is_deaf = condition is not None and int(condition[0]) == Condition.DEAF
+            condition = Condition.TRACKING if condition is None else Condition(int(condition[0]))
         except Exception as error:
             self._hold(f"the controller failed: {type(error).__name__}: {error}", self._settings.retry_s)
             return
         is_number = all(map(math.isfinite, (spacing_m, x_m, y_m, z_m)))
+        # What explains an earlier decision does not explain this one.
+        self._explanation, self._to_explain = None, observation if is_number else None
         if is_number:
-            self.memory = memory
-            self._deaf_windows = self._deaf_windows + 1 if is_deaf else 0
+            self.memory, self._condition = memory, condition
+            self._deaf_windows = self._deaf_windows + 1 if condition is Condition.DEAF else 0
         if not is_number or self._deaf_windows >= DEAF_WINDOWS:
             deaf = f"the controller has heard nothing for {self._deaf_windows} windows"
             movement, changed = 0, deaf if is_number else "the controller's action is no number"
@@ -198,7 +223,6 @@ class ControllerService:
         else:
             movement = self._movements = self._movements + 1
             changed = self._fly(window.center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
-            self._to_explain = observation
         decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
         self._last_decision = decision
         self._record(decision)
@@ -277,6 +301,9 @@ class ControllerService:
             explanation=self._explanation,
             window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
             recorder_failures=self._recorder_failures,
+            preflight=self._preflight(),
+            pulled_back=self._swarm.stream.pulled_back,
+            condition=self._condition,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:

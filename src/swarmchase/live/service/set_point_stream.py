@@ -1,18 +1,27 @@
 """The set-points as they are streamed: towards the legs' way-points, never faster than permitted, never going further
-ahead of a tracker than it can fly in ``LEAD_S``, and each checked against the limits before it is let out.
+ahead of a tracker than it can fly in ``LEAD_S``, and each only if the way to it from where its tracker was last seen
+keeps clear of the ways of all others (``separation``). Where somebody comes in between, set-points are pulled back to
+where their trackers can stop.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from ...scenario import NUM_TRACKERS
-from .safety import Legs, SafetyLimits, is_clear
+from .safety import Legs, SafetyLimits
 from .sample_window import Point, Points
+from .separation import Traffic, stopping_m
 
 LEAD_S = 1.0
 """All wait where a set-point would be further ahead of its tracker than this at the highest speed."""
 LONGEST_STEP_S = 0.25
 """A loop that stood still does not make up for it."""
+STEP_SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Where a whole step is not free, a part of it may be."""
+INTRUSION_M = 0.2
+"""Ways that have come so much nearer than they may are pulled back; less is the trackers' swinging."""
 
 
 class SetPointStream:
@@ -21,7 +30,13 @@ class SetPointStream:
     def __init__(self, limits: SafetyLimits) -> None:
         self._limits = limits
         self._legs: list[Points] = []
+        self.is_at_corner = False
+        """Whether a leg has been given out and the next one has not been begun."""
         self.set_point_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
+        self.pulled_back = 0
+        """In so many steps a set-point was pulled back."""
+        self.blocked_s = 0.0
+        """So long not even a part of a step has been free."""
 
     @property
     def commanded(self) -> npt.NDArray[np.bool_]:
@@ -45,43 +60,68 @@ class SetPointStream:
 
     def fly(self, legs: Legs) -> None:
         """Set out along these legs, from wherever the set-points are."""
-        self._legs = [leg_m.copy() for leg_m in legs]
+        self._legs, self.is_at_corner, self.blocked_s = [leg_m.copy() for leg_m in legs], False, 0.0
+
+    def turn(self) -> None:
+        """Begin the next leg: all have arrived at the corner."""
+        self.is_at_corner = False
 
     def stop(self) -> None:
         """Stay at the set-points of now."""
-        self._legs = []
+        self._legs, self.is_at_corner, self.blocked_s = [], False, 0.0
 
-    def longest_way_m(self) -> float:
-        """What is left to fly: the longest way of each leg, summed."""
-        at_m, total_m = self.set_point_m, 0.0
-        for leg_m in self._legs:
-            total_m += _longest_m(leg_m - at_m)
-            at_m = leg_m
-        return total_m
+    def ways_m(self) -> list[float]:
+        """The longest way of each leg that is left to fly."""
+        starts = [self.set_point_m, *self._legs[:-1]]
+        return [_longest_m(end_m - start_m) for start_m, end_m in zip(starts, self._legs, strict=False)]
 
-    def advance(self, elapsed_s: float, position_m: Points, obstacles_m: Points) -> None:
-        """Go on for this long, unless a tracker lags behind or an obstacle has come in between."""
-        if not self._legs:
+    def advance(self, elapsed_s: float, traffic: Traffic) -> None:
+        """Go on for this long, as far as no tracker lags behind and all ways are clear of one another."""
+        self._pull_back(traffic)
+        if not self._legs or self.is_at_corner:
             return
-        flown_m = self._limits.highest_speed_mps * min(max(elapsed_s, 0.0), LONGEST_STEP_S)
+        ways = traffic.ways(self.set_point_m)
+        elapsed_s = min(max(elapsed_s, 0.0), LONGEST_STEP_S)
+        for following_m, ends in self._steps(self._limits.highest_speed_mps * elapsed_s):
+            if _longest_m(following_m - traffic.position_m) > self._limits.highest_speed_mps * LEAD_S:
+                self.blocked_s = 0.0
+            elif ways.may_become(traffic.ways(following_m), self._limits.minimum_separation_m):
+                self.set_point_m, self.blocked_s = following_m, 0.0
+                if ends:
+                    self._legs.pop(0)
+                    self.is_at_corner = bool(self._legs)
+                return
+        self.blocked_s += elapsed_s
+
+    def _steps(self, flown_m: float) -> Iterator[tuple[Points, bool]]:
+        """The set-points after a step this long, and after shorter ones, and whether the leg ends there."""
         way_m = self._legs[0] - self.set_point_m
         way_m[~np.isfinite(way_m)] = 0.0
         longest_m = _longest_m(way_m)
-        ends = longest_m <= flown_m
-        # All fly the same share of their way, so that they stay on the straight lines that were checked.
-        share = 1.0 if ends else flown_m / longest_m
         flies = self.commanded & np.isfinite(self._legs[0]).all(axis=1)
-        target_m = self._legs[0] if ends else self.set_point_m + share * way_m
-        following_m = np.where(flies[:, None], target_m, self.set_point_m)
         low_m = np.minimum(self._limits.low_m, self.set_point_m)
         high_m = np.maximum(self._limits.high_m, self.set_point_m)
-        following_m = np.clip(following_m, low_m, high_m)
-        if _longest_m(following_m - position_m) > self._limits.highest_speed_mps * LEAD_S:
+        for step_share in STEP_SHARES:
+            ends = longest_m <= step_share * flown_m
+            # All fly the same share of their way, so that they stay on the straight lines that were planned.
+            share = 1.0 if ends else step_share * flown_m / longest_m
+            target_m = self._legs[0] if ends else self.set_point_m + share * way_m
+            following_m = np.where(flies[:, None], target_m, self.set_point_m)
+            yield np.clip(following_m, low_m, high_m), ends
+
+    def _pull_back(self, traffic: Traffic) -> None:
+        """Have those stop whose way somebody has come into."""
+        blocked = traffic.ways(self.set_point_m).blocked(self._limits.minimum_separation_m - INTRUSION_M)
+        blocked &= self.commanded
+        if not blocked.any():
             return
-        if is_clear(self.set_point_m, following_m, obstacles_m, self._limits.minimum_separation_m):
-            self.set_point_m = following_m
-            if ends:
-                self._legs.pop(0)
+        way_m = self.set_point_m - traffic.position_m
+        length_m = np.maximum(np.linalg.norm(way_m, axis=1, keepdims=True), 1e-9)
+        along_mps = np.maximum((traffic.velocity_mps * way_m).sum(axis=1, keepdims=True) / length_m, 0.0)
+        stop_m = np.linalg.norm(stopping_m(along_mps * way_m / length_m), axis=1, keepdims=True)
+        shorter_m = traffic.position_m + np.minimum(stop_m / length_m, 1.0) * way_m
+        self.set_point_m = np.where(blocked[:, None], shorter_m, self.set_point_m)
+        self.pulled_back += 1
 
 
 def _longest_m(way_m: Points) -> float:

@@ -14,6 +14,8 @@ class OperatorSettings:
     """With fewer that are heard and can be commanded, the service holds."""
     reached_windows: int = ranged(2, AT_LEAST_ZERO)
     """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
+    arrival_tolerance_m: float = ranged(0.3, POSITIVE)
+    """A tracker this near to its place has arrived. By satellites alone, without RTK, it wants 1 m and more."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,6 @@ class ServiceSettings(OperatorSettings):
 
     connect_wait_s: float = ranged(2.0, AT_LEAST_ZERO)
     """With enough trackers it waits so long for the others before it begins."""
-    arrival_tolerance_m: float = ranged(0.3, POSITIVE)
-    """A tracker this near to its place has arrived."""
     settle_s: float = ranged(0.8, AT_LEAST_ZERO)
     """Then it brakes and swings for a moment: samples count from so long after its arrival."""
     move_allowance_s: float = ranged(5.0, AT_LEAST_ZERO)

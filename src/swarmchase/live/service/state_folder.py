@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import write_text_atomically
+from ...reading import read_bytes
 
 UNIX_TIME_OF_2025_S = 1_735_689_600
 LARGEST_EPOCH = 2**32 - 1
@@ -43,13 +44,9 @@ def next_epoch(path: Path, wall_time_s: Callable[[], float] = time.time) -> int:
 
 
 def _last_epoch(path: Path) -> int:
-    try:
-        with open(path, "rb") as file:
-            content = file.read(MOST_FILE_BYTES).strip()
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return -1
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    content = read_bytes(path, "epoch", MOST_FILE_BYTES).strip()
     if not content.isdigit():
         raise InputError(f"{path} holds no epoch: remove it to begin with the seconds since 2025")
     return int(content)

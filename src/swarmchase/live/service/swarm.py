@@ -7,14 +7,22 @@ import numpy as np
 from ...scenario import NUM_TRACKERS, Scenario
 from ..link.messages import Message, Metres, SetPoint
 from .chase_state import TrackerSnapshot
-from .safety import TRACKER_DIRECTION, SafetyLimits
-from .sample_window import Levels, Point, Points
+from .formation_estimate import ASTRAY_M, FormationEstimate, fitted_formation
+from .level_consistency import LevelConsistency
+from .reliability import Reliability
+from .safety import SafetyLimits, formation_m
+from .sample_window import Flags, Levels, Point, Points
+from .separation import Traffic, stopping_m
 from .set_point_stream import SetPointStream
 from .tracker_record import TrackerRecord
 
-PLACES_OF_A_LOST_TRACKER = 11
-ASTRAY_M = 30.0
-"""No movement leaves a tracker this far from its place: what says so has a broken receiver of positions, or lies."""
+PLACES_OF_A_RELEASED_TRACKER = 11
+STILL_OBEYS_S = 2.0
+"""So long a tracker that is commanded no more may fly on to its last set-point, before it misses the controller."""
+FLOWN_MPS = 20.0
+"""No tracker is faster, whoever flies it."""
+RETURN_SHARE = 0.5
+"""Of what the channel lends: who is left out for its level has to hear better than who is not."""
 
 
 class Swarm:
@@ -24,8 +32,15 @@ class Swarm:
         self._window_samples = scenario.window_samples
         self._records = [TrackerRecord(scenario) for _ in range(NUM_TRACKERS)]
         self._left_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
-        """The last set-point of each tracker that got lost: there it holds, if it has heard it."""
+        """The last set-point of each tracker that is commanded no more: there it holds, if it has heard it."""
+        self._released_ns = [0] * NUM_TRACKERS
+        self._seen_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
+        """Where each was when it was last commanded,"""
+        self._seen_ns = [0] * NUM_TRACKERS
+        """and when that was."""
         self._now_ns = 0
+        self._reliability, self._levels = Reliability(), LevelConsistency(scenario)
+        self._limits = limits
         self.stream = SetPointStream(limits)
         """The set-points."""
 
@@ -37,67 +52,135 @@ class Swarm:
                 self._records[message.tracker].hear(message, now_ns)
 
     def take_stock(self, may_join: bool) -> None:
-        """Leave alone who is lost or flown by somebody else; command the others, from where they are."""
+        """Leave alone who is lost, left behind or flown by somebody else; command the others, from where they are. One
+        that comes back from where it cannot have flown to has another frame than before: it is left behind.
+        """
         for tracker, record in enumerate(self._records):
-            was_commanded = self.stream.commanded[tracker]
-            may_be_commanded = record.may_be_commanded(self._now_ns)
+            was_commanded, is_led = self.stream.commanded[tracker], self._reliability.may_be_commanded[tracker]
+            may_be_commanded = is_led and record.may_be_commanded(self._now_ns)
             if was_commanded and not may_be_commanded:
-                if record.is_lost(self._now_ns):
-                    self._left_m[tracker] = self.stream.set_point_m[tracker]
+                self._left_m[tracker], self._released_ns[tracker] = self.stream.set_point_m[tracker], self._now_ns
                 self.stream.release(tracker)
-            elif may_join and may_be_commanded and not was_commanded and record.position_m is not None:
-                self._left_m[tracker] = np.nan
-                self.stream.hold(tracker, record.position_m)
+            elif was_commanded and record.position_m is not None:
+                seen_ns = self._now_ns - round(1e9 * record.position_age_s(self._now_ns))
+                self._seen_m[tracker], self._seen_ns[tracker] = record.position_m, seen_ns
+            elif may_join and may_be_commanded and record.position_m is not None:
+                self._join(tracker, record.position_m, record.velocity_mps)
+
+    def _join(self, tracker: int, position_m: Point, velocity_mps: Point) -> None:
+        jump_m = float(np.linalg.norm(position_m - self._seen_m[tracker]))
+        flown_m = FLOWN_MPS * (self._now_ns - self._seen_ns[tracker]) / 1e9
+        if jump_m > ASTRAY_M + flown_m:
+            self._left_m[tracker] = self._seen_m[tracker]
+            self._reliability.leave_out_jump(tracker, jump_m)
+        else:
+            self._left_m[tracker] = np.nan
+            self.stream.hold(tracker, self._rest_m(position_m, velocity_mps))
+
+    def _rest_m(self, seen_m: Point, velocity_mps: Point) -> Point:
+        """Where one that was seen there, so fast, can come to rest: to call it back would be to have it turn round. No
+        faster than permitted, and no further out of the fence than it is, whatever it says.
+        """
+        share = min(1.0, self._limits.highest_speed_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
+        rest_m = seen_m + stopping_m(share * velocity_mps[None])[0]
+        low_m, high_m = np.minimum(self._limits.low_m, seen_m), np.maximum(self._limits.high_m, seen_m)
+        return np.asarray(np.clip(rest_m, low_m, high_m))
 
     def commanded(self) -> list[int]:
         """The trackers that have a set-point."""
         return [int(tracker) for tracker in np.flatnonzero(self.stream.commanded)]
 
+    def counted(self) -> list[int]:
+        """The trackers that are commanded and not left out."""
+        return [int(tracker) for tracker in np.flatnonzero(self.stream.commanded & self._reliability.counts)]
+
     def usable(self) -> list[int]:
-        """The trackers that are commanded and heard."""
-        return [tracker for tracker in self.commanded() if not self._records[tracker].is_silent(self._now_ns)]
+        """The trackers that are counted and heard."""
+        return self.awaited(patience_s=0.0)
 
     def awaited(self, patience_s: float) -> list[int]:
-        """The trackers that are commanded, and of whose receivers more may be on its way."""
-        return [
-            tracker for tracker in self.commanded() if not self._records[tracker].is_silent(self._now_ns, patience_s)
-        ]
+        """The trackers that are counted, and of whose receivers more may be on its way."""
+        return [tracker for tracker in self.counted() if not self._records[tracker].is_silent(self._now_ns, patience_s)]
+
+    def left_out_words(self) -> str:
+        """Who is left out, as the end of a sentence; empty where nobody is."""
+        numbers = ", ".join(map(str, np.flatnonzero(~self._reliability.counts).tolist()))
+        return f"; left out: {numbers}" if numbers else ""
+
+    def there(self) -> Flags:
+        """Who could be commanded and is heard, left out or not [tracker]."""
+        return np.array(
+            [one.may_be_commanded(self._now_ns) and not one.is_silent(self._now_ns) for one in self._records]
+        )
 
     def positions_m(self) -> Points:
         """Where each tracker was last seen [tracker, 3]; NaN where it never was."""
         nowhere = np.full(3, np.nan)
         return np.stack([nowhere if record.position_m is None else record.position_m for record in self._records])
 
-    def obstacles_m(self) -> Points:
-        """Where those are that are not commanded [obstacle, 3].
+    def traffic(self) -> Traffic:
+        """What is known of all vehicles, commanded or not."""
+        position_m = self.positions_m()
+        velocity_mps = np.stack([record.velocity_mps for record in self._records])
+        return Traffic(position_m, velocity_mps, self._stop_m(position_m, velocity_mps))
 
-        One that got lost was on its way from where it was last seen to its last set-point, and holds anywhere between.
+    def _stop_m(self, seen_m: Points, velocity_mps: Points) -> Points:
+        """Where those come to rest that are not commanded [tracker, 3].
+
+        One that is lost flew to its last set-point, and one that was left behind may be there at any time, whatever it
+        says; whoever else is seen is where it can stop, but at first, whichever is further, may still fly to its last
+        set-point, too.
         """
-        seen_m = self.positions_m()
-        left_m = np.where(np.isfinite(self._left_m), self._left_m, seen_m)
-        between_m = np.linspace(seen_m, left_m, PLACES_OF_A_LOST_TRACKER)[:, ~self.stream.commanded].reshape(-1, 3)
+        stops_m = stopping_m(velocity_mps)
+        is_lost = np.array([record.is_lost(self._now_ns) for record in self._records])
+        may_be_anywhere = is_lost | ~self._reliability.may_be_commanded
+        still_obeys = self._now_ns - np.array(self._released_ns) < STILL_OBEYS_S * 1e9
+        is_further = np.linalg.norm(self._left_m - seen_m, axis=1) > np.linalg.norm(stops_m, axis=1)
+        flies_there = np.isfinite(self._left_m).all(axis=1) & (may_be_anywhere | (still_obeys & is_further))
+        return np.where(flies_there[:, None], self._left_m, seen_m + stops_m)
+
+    def obstacles_m(self) -> Points:
+        """Where those may be that are not commanded [obstacle, 3]: anywhere from where they were last seen to where
+        they come to rest.
+        """
+        traffic = self.traffic()
+        places_m = np.linspace(traffic.position_m, traffic.stop_m, PLACES_OF_A_RELEASED_TRACKER)
+        between_m = places_m[:, ~self.stream.commanded].reshape(-1, 3)
         return np.asarray(between_m[np.isfinite(between_m).all(axis=1)])
 
-    def center_and_spacing_m(self) -> tuple[Point, float]:
-        """The formation next to where the usable trackers are (least squares). With all six its centre is the mean."""
-        usable = self.usable()
-        position_m, direction = self.positions_m()[usable], TRACKER_DIRECTION[usable]
-        mean_m, mean_direction = position_m.mean(axis=0), direction.mean(axis=0)
-        spread = direction - mean_direction
-        squared = max(float((spread**2).sum()), 1e-9)
-        spacing_m = max(float((spread * (position_m - mean_m)).sum()) / squared, 0.0)
-        return mean_m - spacing_m * mean_direction, spacing_m
+    def formation_estimate(self) -> FormationEstimate:
+        """The formation next to where most of those that are there say that they are."""
+        return fitted_formation(np.where(self.there()[:, None], self.positions_m(), np.nan))
+
+    def begin_with(self, estimate: FormationEstimate) -> None:
+        """Leave out who contradicts this formation; who agrees counts."""
+        there, position_m = self.there(), self.positions_m()
+        place_m = formation_m(estimate.center_m, estimate.spacing_m)
+        self._reliability.take_start(there, estimate.agrees, np.linalg.norm(position_m - place_m, axis=1))
+        for tracker in np.flatnonzero(there & ~estimate.agrees).tolist():
+            self._left_m[tracker] = place_m[tracker]
+            self.stream.release(tracker)
+
+    def forgive(self) -> None:
+        """Count everybody again but who is not where it was last told to be."""
+        self._reliability.forgive(self.positions_m(), self._left_m)
 
     def arrived_ns(self, tolerance_m: float, told_ns: int) -> list[int | None]:
-        """Since when each commanded tracker has been reporting, after it was told, to be at its set-point, or None."""
+        """Since when each counted tracker has been reporting, after it was told, to be at its set-point, or None."""
         return [
             self._records[tracker].arrived_ns(self.stream.set_point_m[tracker], tolerance_m, told_ns)
-            for tracker in self.commanded()
+            for tracker in self.counted()
         ]
+
+    def end_movement(self, tolerance_m: float) -> None:
+        """A movement has ended: who has not come to its set-point?"""
+        set_point_m, commanded = self.stream.set_point_m, self.commanded()
+        came = [one for one in commanded if self._records[one].came_to(set_point_m[one], tolerance_m)]
+        self._reliability.take_movement(commanded, came)
 
     def first_valid_ns(self, since_ns: int) -> int | None:
         """When, from this moment on, the first valid sample of all trackers was taken; None before that."""
-        found_ns = [self._records[tracker].first_valid_ns(since_ns) for tracker in self.commanded()]
+        found_ns = [self._records[tracker].first_valid_ns(since_ns) for tracker in self.counted()]
         return min((one_ns for one_ns in found_ns if one_ns is not None), default=None)
 
     def has_window(self, since_ns: int, patience_s: float) -> bool:
@@ -106,20 +189,43 @@ class Swarm:
         """
         return all(self._records[tracker].has_window(since_ns) for tracker in self.awaited(patience_s))
 
-    def window(self, since_ns: int, place_m: Points) -> tuple[Levels, Points]:
-        """The window [sample, tracker] in dBm, NaN where nothing valid came, and where it was taken
-        [sample, tracker, 3].
-
-        A tracker that is not commanded, or is astray, has heard nothing, in the place where it should be [tracker, 3]:
-        the mean of all positions thus is the centre, wherever a single one says that it is.
+    def heard(self, since_ns: int) -> tuple[Levels, Points]:
+        """The window [sample, tracker] in dBm, NaN where nothing valid came, and where each says that it was taken
+        [sample, tracker, 3]; NaN where a tracker is not commanded. Who was not where it must be is left behind.
         """
         rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
-        position_m = np.broadcast_to(place_m, (*rssi_dbm.shape, 3)).copy()
+        position_m = np.full((*rssi_dbm.shape, 3), np.nan)
         for tracker in self.commanded():
-            heard_dbm, taken_at_m = self._records[tracker].window(since_ns)
-            if np.linalg.norm(taken_at_m - place_m[tracker], axis=1).max() <= ASTRAY_M:
-                rssi_dbm[:, tracker], position_m[:, tracker] = heard_dbm, taken_at_m
+            rssi_dbm[:, tracker], position_m[:, tracker] = self._records[tracker].window(since_ns)
+        set_point_m = self.stream.set_point_m
+        worst = np.nan_to_num(np.linalg.norm(position_m - set_point_m, axis=2)).argmax(axis=0)
+        said_m = np.where(self.stream.commanded[:, None], position_m[worst, range(NUM_TRACKERS)], self.positions_m())
+        self._reliability.take_positions(set_point_m, said_m, self._left_m)
         return rssi_dbm, position_m
+
+    def counted_positions_m(self, position_m: Points) -> Points:
+        """These [tracker, 3], NaN where a tracker is left out."""
+        return np.where(self._reliability.counts[:, None], position_m, np.nan)
+
+    def window(self, rssi_dbm: Levels, position_m: Points, place_m: Points) -> tuple[Levels, Points]:
+        """What counts of what was ``heard``, in the same arrays' form without NaN in places.
+
+        A tracker that is left out or not in its place [tracker, 3] has heard nothing, there where it should be: the
+        mean of all positions thus is the centre, wherever a single one says that it is.
+        """
+        off_m = np.linalg.norm(position_m - place_m, axis=2).max(axis=0)
+        rssi_dbm = np.where(off_m <= ASTRAY_M, rssi_dbm, np.nan)
+        last_m = np.where(np.isfinite(position_m[-1]), position_m[-1], place_m)
+        counts = self._reliability.counts
+        contradicts = self._levels.contradicts(rssi_dbm, last_m, counts)
+        doubtful = self._levels.contradicts(rssi_dbm, last_m, counts, RETURN_SHARE) | np.isnan(rssi_dbm).all(axis=0)
+        self._reliability.take_levels(contradicts, ~doubtful)
+        counts = self._reliability.counts
+        is_in_place = counts & (off_m <= ASTRAY_M)
+        return (
+            np.where(counts & ~contradicts, rssi_dbm, np.nan),
+            np.where(is_in_place[:, None], position_m, place_m),
+        )
 
     def set_points(self, epoch: int, now_ns: int) -> list[SetPoint]:
         """What is to be sent now."""
@@ -144,6 +250,11 @@ class Swarm:
             is_silent=record.is_silent(self._now_ns),
             missing_share=float(np.isnan(window).mean()),
             rssi_dbm=tuple(window.tolist()),
+            left_out=self._reliability.reasons[tracker],
+            vehicle=record.vehicle,
+            position_hz=record.position_hz,
+            notices=tuple(record.notices),
+            dropped=record.dropped,
         )
 
 

@@ -2,11 +2,12 @@
 
 import bisect
 import math
+from collections import deque
 
 import numpy as np
 
 from ...scenario import Scenario
-from ..link.messages import Heartbeat, PositionReport, Report, RssiWindow, TrackerMode
+from ..link.messages import Heartbeat, Notice, PositionReport, Report, RssiWindow, TrackerMode, VehicleState
 from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow
 
 SILENT_S = 1.0
@@ -15,8 +16,13 @@ SILENT_SAMPLES = 3
 """Where sampling is slow, it is silent only after so many missing samples."""
 LOST_S = 1.0
 """A tracker without a position for so long is lost."""
+CAME_S = 2.0
+"""Who has been in its place within so long has come to it, though it swings or its receiver of positions is noisy."""
 LATEST_NS = 2**62
 """No clock is later than 146 years after its start; what is dated later is dropped."""
+RATE_OVER_S = 2.0
+"""The rate of its positions is that of so long."""
+KEPT_NOTICES = 8
 MOST_POSITIONS = 1000
 """No more than the newest of this many are kept, whatever a tracker sends."""
 
@@ -28,9 +34,13 @@ class TrackerRecord:
         self._kept_ns = round((2 * scenario.window_s + KEPT_BEYOND_WINDOW_S) * 1e9)
         self._silent_s = max(SILENT_S, SILENT_SAMPLES / scenario.sampling_hz)
         self._offset = ClockOffset()
-        self._samples = SampleWindow(scenario.sampling_hz, scenario.window_samples)
+        self._samples = SampleWindow(scenario)
         self.position_m: Point | None = None
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
+        self.notices: deque[Notice] = deque(maxlen=KEPT_NOTICES)
+        """The newest lines for people, oldest first."""
+        self.velocity_mps: Point = np.zeros(3)
+        """How fast it was there."""
         self._forget()
 
     def _forget(self) -> None:
@@ -42,9 +52,15 @@ class TrackerRecord:
         self._heartbeat_ns = -1
         self.mode: TrackerMode | None = None
         """Of the newest heartbeat; None before the first."""
+        self.vehicle: VehicleState | None = None
+        """Of the same."""
 
     def hear(self, message: Report, now_ns: int) -> None:
         """Take in what has just arrived. A heartbeat that tells of a restart empties everything first."""
+        if isinstance(message, Notice):
+            if message not in self.notices:
+                self.notices.append(message)
+            return
         if message.time_ns > LATEST_NS:
             return
         if isinstance(message, Heartbeat) and self._offset.contradicts(message.time_ns, now_ns):
@@ -55,7 +71,7 @@ class TrackerRecord:
         elif isinstance(message, PositionReport):
             self._add_position(message)
         elif message.time_ns > self._heartbeat_ns:
-            self._heartbeat_ns, self.mode = message.time_ns, message.mode
+            self._heartbeat_ns, self.mode, self.vehicle = message.time_ns, message.mode, message.vehicle
 
     def _add_position(self, message: PositionReport) -> None:
         place = bisect.bisect_left(self._position_ns, message.time_ns)
@@ -63,10 +79,22 @@ class TrackerRecord:
             return
         self._position_ns.insert(place, message.time_ns)
         self._position_m.insert(place, np.array(message.position_m, dtype=np.float64))
+        if place == len(self._position_ns) - 1:
+            self.velocity_mps = np.array(message.velocity_mps, dtype=np.float64)
         old = bisect.bisect_left(self._position_ns, self._position_ns[-1] - self._kept_ns)
         old = max(old, len(self._position_ns) - MOST_POSITIONS)
         del self._position_ns[:old], self._position_m[:old]
         self.position_m = self._position_m[-1]
+
+    @property
+    def position_hz(self) -> float | None:
+        """How often it said where it was, of late; None of fewer than two positions."""
+        if len(self._position_ns) < 2:
+            return None
+        newest_ns = self._position_ns[-1]
+        times_ns = self._position_ns[bisect.bisect_left(self._position_ns, newest_ns - round(RATE_OVER_S * 1e9)) :]
+        # Two of one moment do not make a rate.
+        return (len(times_ns) - 1) / max((newest_ns - times_ns[0]) / 1e9, RATE_OVER_S / 4)
 
     def position_age_s(self, now_ns: int) -> float:
         """Of its newest position; infinite without any."""
@@ -106,6 +134,13 @@ class TrackerRecord:
                 since_ns = arrived_ns
         return since_ns
 
+    def came_to(self, at_m: Point, tolerance_m: float) -> bool:
+        """Whether it has reported to be there at any moment of the last ``CAME_S``."""
+        if not self._position_ns:
+            return False
+        recent = bisect.bisect_left(self._position_ns, self._position_ns[-1] - round(CAME_S * 1e9))
+        return bool((np.linalg.norm(np.array(self._position_m[recent:]) - at_m, axis=1) <= tolerance_m).any())
+
     def first_valid_ns(self, since_ns: int) -> int | None:
         """When the first valid sample from this moment on was taken; None before there is one."""
         if self._offset.offset_ns is None:
@@ -132,6 +167,11 @@ class TrackerRecord:
         known_s = (np.array(self._position_ns) - self._position_ns[-1]) / 1e9
         known_m = np.array(self._position_m)
         return rssi_dbm, np.stack([np.interp(at_s, known_s, known_m[:, axis]) for axis in range(3)], axis=1)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Samples that were reported and are no levels, by reason."""
+        return {str(reason): count for reason, count in sorted(self._samples.dropped.items())}
 
     def last_window(self) -> Levels:
         """Its newest samples, oldest first, in dBm."""

@@ -15,13 +15,31 @@ from dataclasses import dataclass
 from ...errors import InputError
 from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
-from ..link.messages import Heartbeat, Message, Metres, PositionReport, RssiWindow, SetPoint, Severity, TrackerMode
+from ..link.messages import (
+    Heartbeat,
+    Message,
+    Metres,
+    PositionReport,
+    RssiWindow,
+    SetPoint,
+    Severity,
+    TrackerMode,
+)
 from ..link.protocol import Link
-from .notices import NoticeBoard
+from .notices import Notices
+from .sources.complaint import Complaint
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
 from .vehicles.protocol import Vehicle
+from .way_back import WayBack
+
+CHANGE_TOLD_S, CHANGE_TOLD_HZ = 1.0, 20.0
+"""A change of mode is told at once, and for so long so often: datagrams get lost."""
+BRAKED_S = 5.0
+"""So long after it was told to hold every vehicle stands."""
+LONGEST_PAUSE_S = 0.5
+"""On the way back: a process that stood still for longer goes on where it was."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +57,7 @@ class AgentSettings:
     hold_after_s: float = ranged(1.0, POSITIVE)
     """After the sending of the last set-point the vehicle holds (PX4's COM_OF_LOSS_T)."""
     return_after_s: float = 60.0
-    """After it, the vehicle returns to where it was when it first followed; 0: it never does."""
+    """After it, the vehicle returns the way it came to where it was when it first followed; 0: it never does."""
 
     def __post_init__(self) -> None:
         require_ranges(self)
@@ -114,24 +132,42 @@ class TrackerAgent:
         self._sampling_hz = sampling_hz
         self._settings = settings or AgentSettings()
         self._samples = SampleBuffer(sampling_hz)
-        self._notices = NoticeBoard(tracker)
+        self._notices = Notices(tracker)
+        self._complaint = Complaint(source)
+        self._complains = False
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
         self._obeying = False
-        self._home_m: Metres | None = None
+        self._way_back = WayBack()
+        self._back_ns: int | None = None
+        """While it returns: the moment of its way at which it is again."""
+        self._back_step_ns = 0
+        """When it came to be there."""
+        self._back_m: Metres | None = None
+        self._told_mode: TrackerMode | None = None
+        self._changed_ns: int | None = None
         self._due_ns: dict[str, int] = {}
 
     def step(self) -> None:
         """Do what is due now; never blocks. To be called ten times a second or more often."""
         now_ns = self._clock.now_ns()
-        for sample in self._sampled(now_ns):
-            self._samples.add(sample, now_ns)
+        heard = [self._samples.add(sample, now_ns) for sample in self._sampled(now_ns)]
+        self._complaint.listened(any(heard), self.dropped, now_ns)
         for message in self._link.receive():
             self._hear(message, now_ns)
         self._miss_the_controller(now_ns)
         self._vehicle.update(now_ns)
         self._report(now_ns)
-        self._tell(now_ns)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Samples that were no levels, or too old or too new, by reason."""
+        return self._samples.dropped
+
+    @property
+    def source_complaint(self) -> str | None:
+        """What came of the receiver instead of levels, for people; None where levels come."""
+        return self.source_failure or self._complaint.text(self.dropped, self._clock.now_ns())
 
     def close(self) -> None:
         """Hold, and give back what the source, the vehicle and the link hold."""
@@ -164,24 +200,42 @@ class TrackerAgent:
         if refusal is not None:
             self.ignored[refusal] += 1
             return
-        if self._home_m is None:
-            self._home_m = self._vehicle.position_m
-        self._sent_ns, self._obeying = self._rule.sent_ns(message, now_ns), True
+        if not self._way_back.has_begun and self._vehicle.position_m is not None:
+            self._way_back.note(now_ns, self._vehicle.position_m)
+        self._sent_ns, self._obeying, self._back_ns = self._rule.sent_ns(message, now_ns), True, None
         self._vehicle.go_to(message.position_m)
 
     def _miss_the_controller(self, now_ns: int) -> None:
         """Hold, and later return, when it has fallen silent."""
         if self._vehicle.mode == TrackerMode.MANUAL:
-            self._sent_ns, self._obeying = None, False
+            self._sent_ns, self._obeying, self._back_ns = None, False, None
+        if self._back_ns is not None:
+            self._go_back(self._back_ns, now_ns)
+        elif self._way_back.has_begun and self._vehicle.position_m is not None:
+            self._way_back.note(now_ns, self._vehicle.position_m)
         if self._sent_ns is None:
             return
         silent_s = (now_ns - self._sent_ns) / 1e9
         if self._obeying and silent_s >= self._settings.hold_after_s:
             self._obeying = False
             self._vehicle.hold()
-        if 0 < self._settings.return_after_s <= silent_s and self._home_m is not None:
-            self._sent_ns = None
-            self._vehicle.go_to(self._home_m)
+        if 0 < self._settings.return_after_s <= silent_s and self._way_back.has_begun:
+            # All that lost it together begin at the same moment, and with the same moment of their ways.
+            stood_s = min(self._settings.return_after_s, self._settings.hold_after_s + BRAKED_S)
+            self._back_ns = self._sent_ns + round(stood_s * 1e9)
+            self._back_step_ns = self._sent_ns + round(self._settings.return_after_s * 1e9)
+            self._sent_ns = self._back_m = None
+
+    def _go_back(self, back_ns: int, now_ns: int) -> None:
+        """Fly to where it was as long before this moment as has passed; after a pause it does not make up for it."""
+        self._back_ns = back_ns - min(now_ns - self._back_step_ns, round(LONGEST_PAUSE_S * 1e9))
+        self._back_step_ns = now_ns
+        back_m, is_home = self._way_back.back_at(self._back_ns)
+        if back_m != self._back_m:
+            self._back_m = back_m
+            self._vehicle.go_to(back_m)
+        if is_home:
+            self._back_ns = None
 
     def _report(self, now_ns: int) -> None:
         if self._is_due("window", self._settings.window_hz, now_ns):
@@ -196,15 +250,31 @@ class TrackerAgent:
                 self._link.send(PositionReport(self._tracker, taken_ns, position_m, self._vehicle.velocity_mps))
             except InputError:
                 self.ignored["impossible position"] += 1
-        if self._is_due("heartbeat", self._settings.heartbeat_hz, now_ns):
-            self._link.send(Heartbeat(self._tracker, now_ns, self._mode(), self._vehicle.state))
+        self._report_notices(now_ns)
+        mode = self._mode()
+        if mode is not self._told_mode:
+            self._changed_ns = None if self._told_mode is None else now_ns
+            self._told_mode = mode
+            self._due_ns.pop("heartbeat", None)
+        if self._is_due("heartbeat", self._heartbeat_hz(now_ns), now_ns):
+            self._link.send(Heartbeat(self._tracker, now_ns, mode, self._vehicle.state))
 
-    def _tell(self, now_ns: int) -> None:
-        """What people should know of the vehicle and the receiver; what lasts is named in every step."""
+    def _heartbeat_hz(self, now_ns: int) -> float:
+        has_changed = self._changed_ns is not None and now_ns - self._changed_ns < CHANGE_TOLD_S * 1e9
+        return max(CHANGE_TOLD_HZ, self._settings.heartbeat_hz) if has_changed else self._settings.heartbeat_hz
+
+    def _report_notices(self, now_ns: int) -> None:
+        complaint = self.source_complaint
+        if (complaint is None) is self._complains:
+            self._complains = complaint is not None
+            said = (
+                (Severity.INFO, "hears again")
+                if complaint is None
+                else (Severity.WARNING, f"hears nothing: {complaint}")
+            )
+            self._notices.put(*said)
         for severity, text in self._vehicle.said():
-            self._notices.say(severity, text, now_ns)
-        if self.source_failure is not None:
-            self._notices.say(Severity.ERROR, f"hears nothing any more: {self.source_failure}", now_ns)
+            self._notices.put(severity, text)
         notice = self._notices.due(now_ns)
         if notice is not None:
             self._link.send(notice)

@@ -1,60 +1,52 @@
-"""What a tracker tells people, through the controller: in lines, each said a few times since datagrams get lost, and
-never more than people can read, whatever its autopilot has to say.
-"""
+"""Lines for people on their way to the controller: cut to MAVLink's length, bounded in number and rate, repeated."""
 
 import textwrap
 from collections import deque
+from dataclasses import dataclass
 
-from ..link.messages import LONGEST_NOTICE, MOST_NOTICES, Notice, Severity
+from ..link.messages import LONGEST_NOTICE, MOST_NOTICES, Notice, Severity, printable
 
-SAID_AGAIN_S = 60.0
-"""The same text is said no more often: what lasts may be named in every step."""
-MOST_A_MINUTE = 20
-"""Lines."""
-MOST_LINES = 4
-"""Of one text."""
-TIMES, PERIOD_S = 3, 0.2
-"""Each line is sent so often; datagrams are so far apart."""
+TIMES = 3
+"""Each line is sent so often: datagrams get lost."""
+PERIOD_S = 0.25
+"""From one line to the next, and between the repetitions of all."""
+MOST_WAITING = 20
+"""What comes on top of so many lines is dropped: an autopilot that does not stop talking must not fill the link."""
 
 
-class NoticeBoard:
-    """Of one tracker. ``left_out`` counts the lines that were too many."""
+@dataclass
+class _Waiting:
+    notice: Notice
+    left: int
+
+
+class Notices:
+    """Of one tracker."""
 
     def __init__(self, tracker: int) -> None:
-        self.left_out = 0
+        self.dropped = 0
+        """Lines that found no room."""
         self._tracker = tracker
         self._number = 0
-        self._said_ns: dict[str, int] = {}
-        """When a text was last said; of the last minute only."""
-        self._lines_ns: deque[int] = deque(maxlen=MOST_A_MINUTE)
-        """When the last lines were accepted."""
-        self._waiting: deque[tuple[Notice, int]] = deque()
-        """And how often each is still to be sent."""
+        self._waiting: deque[_Waiting] = deque()
         self._due_ns = 0
 
-    def say(self, severity: Severity, text: str, now_ns: int) -> None:
-        """Have it sent, in printable ASCII and cut to lines, unless it has been of late."""
-        text = "".join(one if one.isascii() and one.isprintable() else "?" for one in text)
-        oldest_ns = now_ns - round(SAID_AGAIN_S * 1e9)
-        self._said_ns = {said: said_ns for said, said_ns in self._said_ns.items() if said_ns > oldest_ns}
-        if text in self._said_ns:
-            return
-        lines = textwrap.wrap(text, LONGEST_NOTICE, max_lines=MOST_LINES, placeholder=" ...")
-        for line in lines:
-            if len(self._lines_ns) == MOST_A_MINUTE and self._lines_ns[0] > oldest_ns:
-                self.left_out += 1
+    def put(self, severity: Severity, text: str) -> None:
+        """Have a text sent, in as many lines as it needs."""
+        for line in textwrap.wrap(printable(text), LONGEST_NOTICE):
+            if len(self._waiting) >= MOST_WAITING:
+                self.dropped += 1
                 continue
-            self._said_ns[text] = now_ns
-            self._lines_ns.append(now_ns)
             self._number = self._number % MOST_NOTICES + 1
-            self._waiting.append((Notice(self._tracker, self._number, severity, line), TIMES))
+            self._waiting.append(_Waiting(Notice(self._tracker, self._number, severity, line), TIMES))
 
     def due(self, now_ns: int) -> Notice | None:
-        """What is to be sent now."""
+        """The line to be sent now; None where there is none, or one was sent a moment ago."""
         if not self._waiting or now_ns < self._due_ns:
             return None
         self._due_ns = now_ns + round(PERIOD_S * 1e9)
-        notice, times = self._waiting.popleft()
-        if times > 1:
-            self._waiting.append((notice, times - 1))
-        return notice
+        one = self._waiting.popleft()
+        one.left -= 1
+        if one.left:
+            self._waiting.append(one)
+        return one.notice

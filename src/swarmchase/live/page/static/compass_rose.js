@@ -2,16 +2,26 @@
 
 import * as THREE from "./vendor/three.module.min.js";
 import { label, polyline, setPoints } from "./shapes.js";
+import { onThemeChange, themeColor } from "./theme.js";
 
 const SIZE_PX = 100;
-const AXES = [["E", [1, 0, 0], "#ff8d7a"], ["N", [0, 1, 0], "#7ddf8f"], ["U", [0, 0, 1], "#7db4ff"]];
+const AXES = [["E", [1, 0, 0], "orange"], ["N", [0, 1, 0], "green"], ["U", [0, 0, 1], "blue"]];
 
 export class CompassRose {
   constructor() {
     this.scene = new THREE.Scene();
     this.camera = new THREE.OrthographicCamera(-1.5, 1.5, 1.5, -1.5, 0.1, 10);
     this.camera.up.set(0, 0, 1);
-    for (const [name, direction, color] of AXES) {
+    this.addAxes();
+    onThemeChange(() => {
+      this.scene.clear();
+      this.addAxes();
+    });
+  }
+
+  addAxes() {
+    for (const [name, direction, colorName] of AXES) {
+      const color = themeColor(colorName);
       const line = polyline(color, 1);
       setPoints(line, [[0, 0, 0], direction]);
       const letter = label(name, color);

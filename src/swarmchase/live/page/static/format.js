@@ -1,8 +1,6 @@
-// Numbers as people read them, and the few colours and names that all parts of the page share.
+// Numbers as people read them, and the few names that all parts of the page share.
 
-export const TRACKER_COLORS = ["#56b4e9", "#f2a33a", "#35c998", "#efe04a", "#ef86c0", "#a58bff"];
 export const TRACKER_SIDES = ["east", "west", "north", "south", "up", "down"];
-export const STALE_COLOR = "#5b6b7f";
 
 // A tracker that has not been heard for so long is stale; so is everything when no frame has come for so long.
 export const STALE_S = 1.0;
@@ -40,12 +38,43 @@ export function agedBy(seconds, extraS) {
   return seconds === null || seconds === undefined ? null : seconds + extraS;
 }
 
-// Why a tracker's data must not be taken for the present: "lost", "silent", "stale"; else empty.
+// Why a tracker's data must not be taken for the present: "waiting", "lost", "silent", "stale"; else empty.
 export function staleness(tracker, extraS) {
+  if (tracker.condition === "expected") return "waiting";
   if (tracker.is_lost) return "lost";
   if (tracker.is_silent) return "silent";
   const ages = [tracker.position_age_s, tracker.rssi_age_s].map((one) => agedBy(one, extraS));
   return ages.some((one) => one === null || one > STALE_S) ? "stale" : "";
+}
+
+// 45 -> 045° NE
+export function bearing(degrees) {
+  const points = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
+  const whole = Math.round(degrees) % 360;
+  return `${String(whole).padStart(3, "0")}° ${points[Math.round(whole / 45) % 8]}`;
+}
+
+// States after which nothing is commanded any more.
+export function hasEnded(frame) {
+  return ["reached", "lost", "aborted"].includes(frame.state);
+}
+
+// What severity looks like without its colour; the word is for those who do not see the sign.
+export const SIGNS = { info: "·", success: "✓", warning: "⚠", critical: "✖" };
+
+// A list item that says how much it matters, with a sign and a word.
+export function severeItem(severity, ...content) {
+  const item = document.createElement("li");
+  item.dataset.severity = severity;
+  const sign = document.createElement("span");
+  sign.className = "sign";
+  sign.setAttribute("aria-hidden", "true");
+  sign.textContent = SIGNS[severity] ?? SIGNS.info;
+  const word = document.createElement("span");
+  word.className = "unseen";
+  word.textContent = severity === "info" ? "" : `${severity}: `;
+  item.append(sign, word, ...content);
+  return item;
 }
 
 export function setText(element, text) {

@@ -1,16 +1,26 @@
 // Puts the page together. What is drawn follows from one frame alone, be it of now, of the past, or of a recording.
 
-import { STALE_S, metres, number, setText } from "./format.js";
+import { STALE_S, hasEnded, metres, number, setText } from "./format.js";
 import { showConnection, showInfo, showState } from "./header.js";
+import { Alarms } from "./alarms.js";
 import { DecisionPanel } from "./decision.js";
-import { Notices } from "./notices.js";
+import { estimateInWords } from "./estimate.js";
+import { Events } from "./events.js";
 import { Operator } from "./operator.js";
+import { Preflight } from "./preflight.js";
+import { ResultCard, distanceToTruthM } from "./result.js";
 import { ServiceSocket } from "./socket.js";
 import { Timeline } from "./timeline.js";
 import { Traces } from "./traces.js";
 import { TrackerTable } from "./trackers.js";
 
+// The token has become a cookie: it must not stay where it is seen, copied and remembered.
+if (location.search) history.replaceState(null, "", location.pathname);
+
 const AGES_MS = 200;
+// A page that has just been opened waits so long for its first frame before that is worth a word.
+const FIRST_FRAME_MS = 3000;
+const openedMs = performance.now();
 const $ = (id) => document.getElementById(id);
 
 let info = null;
@@ -22,7 +32,9 @@ let isConnected = false;
 const trackers = new TrackerTable($("trackers"));
 const traces = new Traces($("traces"), $("traces-key"));
 const decision = new DecisionPanel($("decision"), $("decision-number"), $("decision-note"));
-const notices = new Notices($("alarms"), $("rejected"));
+const alarms = new Alarms($("alarms"), $("rejected"));
+const events = new Events($("events"), $("spoken"), $("spoken-alarm"));
+const result = new ResultCard($("result"));
 const scene = await openScene();
 
 const socket = new ServiceSocket({
@@ -41,6 +53,7 @@ const socket = new ServiceSocket({
     takeNewest(message);
     timeline.setRange(message.first_s, message.last_s);
     if (timeline.isFollowing) show(newest);
+    if (info?.is_live) events.speak(newest);
     drawClock();
   },
   past(message) {
@@ -50,9 +63,13 @@ const socket = new ServiceSocket({
   },
 });
 const operator = new Operator($("operator"), (word) => socket.send({ word }));
+const preflight = new Preflight($("preflight-panel"), (word) => socket.send({ word }));
 const timeline = new Timeline($("timeline"), {
   seek: (seconds) => socket.send({ seek: seconds }),
-  follow: () => newest && show(newest),
+  follow: () => {
+    if (newest) show(newest);
+    drawClock();
+  },
 });
 setInterval(() => {
   drawClock();
@@ -99,7 +116,11 @@ function draw() {
   document.body.dataset.timeS = shown.time_s;
   document.body.dataset.epoch = shown.epoch;
   decision.draw(shown);
-  notices.draw(shown);
+  alarms.draw(shown);
+  events.draw(shown);
+  result.draw(shown);
+  preflight.draw(shown, info?.is_live ?? false);
+  setText($("estimate"), estimateInWords(shown));
   scene?.draw(shown);
   setText($("center"), `${metres(shown.center_m)} m`);
   setText($("spacing"), `${number(shown.spacing_m)} m`);
@@ -108,26 +129,28 @@ function draw() {
 }
 
 function drawDistance() {
-  const known = shown.target_m && shown.center_m;
-  $("distance-figure").hidden = !known;
+  const distanceM = distanceToTruthM(shown);
+  $("distance-figure").hidden = distanceM === null;
   $("key-target").hidden = !shown.target_m;
   $("key-belief").hidden = !shown.belief_m;
   $("key-fence").hidden = !info?.fence_m;
-  if (known) setText($("distance"), `${number(Math.hypot(...shown.target_m.map((one, axis) => one - shown.center_m[axis])))} m`);
+  if (distanceM !== null) setText($("distance"), `${number(distanceM)} m`);
 }
 
 // What grows older between two frames.
 function drawAges() {
-  const extraS = isFollowing() ? silentS() : 0;
+  // After the end nothing more is to come: what is shown is how it ended.
+  const grows = isFollowing() && !(isStale() && hasEnded(shown));
+  const extraS = grows ? silentS() : 0;
   trackers.draw(shown, extraS);
-  traces.draw(shown, extraS, isFollowing() && isStale());
+  traces.draw(shown, extraS, grows && isStale());
 }
 
 function drawClock() {
   const isLive = info === null || info.is_live;
-  // The state beside the buttons is the live one, also while the past is looked at: they act on the present.
-  const frame = isLive ? newest : shown;
-  showConnection({ isLive, isConnected, silentS: silentS(), isStale: isStale() });
-  if (frame) showState(frame);
-  operator.draw(isLive ? newest : null, isConnected);
+  const isWaiting = newestMs === null && performance.now() - openedMs < FIRST_FRAME_MS;
+  showConnection({ isLive, isConnected, isWaiting, silentS: silentS(), isStale: isStale(), frame: newest });
+  // All of one moment. The buttons act on the present, and say what it is while the past is looked at.
+  if (shown) showState(shown);
+  operator.draw(isLive ? newest : null, isConnected, !timeline.isFollowing);
 }

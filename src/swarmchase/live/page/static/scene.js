@@ -2,9 +2,10 @@
 
 import * as THREE from "./vendor/three.module.min.js";
 import { OrbitControls } from "./vendor/OrbitControls.js";
-import { STALE_COLOR, TRACKER_COLORS, setText, staleness } from "./format.js";
+import { TRACKER_SIDES, setText, staleness } from "./format.js";
 import { Framing } from "./framing.js";
 import { CompassRose } from "./compass_rose.js";
+import { onThemeChange, themeColor, trackerColor } from "./theme.js";
 import { disc, dots, label, polyline, quadcopter, ring, segments, setPoints } from "./shapes.js";
 
 const FIELD_OF_VIEW_DEG = 40;
@@ -33,11 +34,8 @@ export class Scene {
     this.framing = new Framing(this.camera, this.controls);
     this.rose = new CompassRose();
     this.scene = new THREE.Scene();
-    this.scene.add(new THREE.HemisphereLight("#ffffff", "#56677a", 2.6));
-    const sun = new THREE.DirectionalLight("#ffffff", 1.4);
-    sun.position.set(-2, -3, 6);
-    this.scene.add(sun);
     this.addObjects();
+    onThemeChange(() => this.repaint());
     this.controls.addEventListener("change", () => this.request());
     this.controls.addEventListener("start", () => this.framing.release());
     buttons.reset.addEventListener("click", () => this.look(false));
@@ -46,7 +44,17 @@ export class Scene {
     new ResizeObserver(() => this.resize()).observe(container);
   }
 
+  // All anew, in other colours.
+  repaint() {
+    this.scene.clear();
+    this.addObjects();
+    this.gridKey = null;
+    if (this.info) this.setInfo(this.info);
+    if (this.frame) this.draw(this.frame);
+  }
+
   setInfo(info) {
+    this.info = info;
     const fence = info.fence_m;
     this.fence.visible = Boolean(fence);
     if (fence) setPoints(this.fence, boxEdges(fence.low, fence.high));
@@ -76,22 +84,31 @@ export class Scene {
     this.request();
   }
 
+  addLights() {
+    this.scene.add(new THREE.HemisphereLight("#ffffff", "#56677a", 2.6));
+    const sun = new THREE.DirectionalLight("#ffffff", 1.4);
+    sun.position.set(-2, -3, 6);
+    this.scene.add(sun);
+  }
+
   addObjects() {
-    this.grid = segments("#2a3a4c", 0.75);
-    this.plumbs = segments("#7f93a8", 0.45);
-    this.fence = segments("#7a8ca1", 0.5, true);
-    this.path = polyline("#ffffff", 0.8);
-    this.steps = dots("#ffffff", 5, 0.9);
-    this.belief = dots("#67d7e5", 5, 0.5);
-    this.center = disc("#ffffff");
-    this.trackers = TRACKER_COLORS.map((color, index) => this.addTracker(color, index));
+    this.addLights();
+    const [bright, faint] = [themeColor("bright"), themeColor("faint")];
+    this.grid = segments(themeColor("grid"), 0.75);
+    this.plumbs = segments(themeColor("plumb"), 0.45);
+    this.fence = segments(faint, 0.6, true);
+    this.path = polyline(bright, 0.8);
+    this.steps = dots(bright, 5, 0.9);
+    this.belief = dots(themeColor("belief"), 5, 0.5);
+    this.center = disc(bright);
+    this.trackers = TRACKER_SIDES.map((_, index) => this.addTracker(trackerColor(index), index));
     this.target = new THREE.Mesh(
       new THREE.OctahedronGeometry(0.5),
-      new THREE.MeshStandardMaterial({ color: "#ff5d5d", emissive: "#7a1515", flatShading: true, transparent: true }),
+      new THREE.MeshStandardMaterial({ color: themeColor("target"), emissive: "#7a1515", flatShading: true, transparent: true }),
     );
     this.success = new THREE.Mesh(
       new THREE.SphereGeometry(1, 14, 8),
-      new THREE.MeshBasicMaterial({ color: "#ff5d5d", wireframe: true, transparent: true, opacity: 0.25 }),
+      new THREE.MeshBasicMaterial({ color: themeColor("target"), wireframe: true, transparent: true, opacity: 0.25 }),
     );
     this.scene.add(this.grid, this.plumbs, this.fence, this.path, this.steps, this.belief, this.center);
     this.scene.add(this.target, this.success);
@@ -109,7 +126,7 @@ export class Scene {
       setPoint: ring(color),
       arm: segments(color, 0.75),
       lead: segments(color, 0.4),
-      names: { fresh: label(String(index), color), stale: label(String(index), STALE_COLOR) },
+      names: { fresh: label(String(index), color), stale: label(String(index), themeColor("faint")) },
     };
     this.scene.add(tracker.body, tracker.setPoint, tracker.arm, tracker.lead);
     this.scene.add(tracker.names.fresh, tracker.names.stale);
@@ -120,7 +137,7 @@ export class Scene {
     const parts = this.trackers[index];
     const position = tracker.position_m;
     const isStale = staleness(tracker, 0) !== "";
-    const color = isStale ? STALE_COLOR : parts.color;
+    const color = isStale ? themeColor("faint") : parts.color;
     for (const part of [parts.body, parts.setPoint, parts.arm, parts.lead]) {
       part.traverse((one) => one.material?.color.set(color));
     }
@@ -146,7 +163,7 @@ export class Scene {
     if (key !== this.gridKey) {
       this.gridKey = key;
       setPoints(this.grid, gridLines(middle, step));
-      setText(document.getElementById("grid-step"), `${step} m, at height 0`);
+      setText(document.getElementById("grid-step"), `${step} m`);
     }
     const high = [frame.center_m, frame.target_m].filter(Boolean);
     setPoints(this.plumbs, high.flatMap((point) => [point, [point[0], point[1], 0]]));

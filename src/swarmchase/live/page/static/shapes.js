@@ -1,6 +1,7 @@
 // What the scene is made of.
 
 import * as THREE from "./vendor/three.module.min.js";
+import { themeColor } from "./theme.js";
 
 const LABEL_PX = 64;
 
@@ -73,7 +74,7 @@ export function label(text, color) {
   context.textBaseline = "middle";
   context.lineWidth = 10;
   context.lineJoin = "round";
-  context.strokeStyle = "#0a0e13";
+  context.strokeStyle = themeColor("ground");
   context.strokeText(text, LABEL_PX / 2, LABEL_PX / 2);
   context.fillStyle = color;
   context.fillText(text, LABEL_PX / 2, LABEL_PX / 2);

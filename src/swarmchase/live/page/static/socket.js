@@ -29,7 +29,6 @@ export class ServiceSocket {
   open() {
     const address = new URL("socket", location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-    address.search = location.search;
     const socket = new WebSocket(address);
     this.socket = socket;
     this.heardMs = performance.now();

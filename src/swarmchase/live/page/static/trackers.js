@@ -1,13 +1,16 @@
 // One row a tracker: how it is, and how old and how complete is what it says.
 
-import { NOTHING, TRACKER_COLORS, TRACKER_SIDES, age, agedBy, metres, number, setText, share, staleness } from "./format.js";
+import { NOTHING, TRACKER_SIDES, age, agedBy, metres, number, setText, share, staleness } from "./format.js";
 
-const COLUMNS = ["mode", "status", "position", "level", "rssi-age", "position-age", "loss", "missing"];
+const COLUMNS = {
+  mode: "mode", status: "status", position: "E N U, m", level: "level",
+  "rssi-age": "RSSI age", "position-age": "pos. age", loss: "loss", missing: "missing",
+};
 const HIGH_SHARE = 0.2;
 
 export class TrackerTable {
   constructor(table) {
-    this.rows = TRACKER_COLORS.map((color, index) => addRow(table.tBodies[0], color, index));
+    this.rows = TRACKER_SIDES.map((side, index) => addRow(table.tBodies[0], side, index));
   }
 
   draw(frame, extraS) {
@@ -15,33 +18,52 @@ export class TrackerTable {
   }
 }
 
-function addRow(body, color, index) {
+function addRow(body, side, index) {
   const row = body.insertRow();
+  row.setAttribute("role", "row");
   row.dataset.tracker = index;
   row.dataset.stale = "";
-  const name = row.insertCell();
+  const name = document.createElement("th");
+  name.scope = "row";
+  name.setAttribute("role", "rowheader");
+  row.append(name);
   const swatch = document.createElement("span");
   swatch.className = "swatch";
-  swatch.style.setProperty("--color", color);
+  swatch.style.setProperty("--color", `var(--tracker-${index})`);
   swatch.textContent = index;
-  name.append(swatch, TRACKER_SIDES[index]);
+  name.append(swatch, side);
   const cells = {};
-  for (const column of COLUMNS) {
+  for (const [column, title] of Object.entries(COLUMNS)) {
     cells[column] = row.insertCell();
+    cells[column].setAttribute("role", "cell");
     cells[column].dataset.column = column;
+    cells[column].dataset.title = title;
     if (!["mode", "status"].includes(column)) cells[column].classList.add("number");
   }
   cells.position.classList.add("wide");
-  return { row, cells };
+  return { row, cells, detail: addDetail(body) };
 }
 
-function drawRow({ row, cells }, tracker, extraS) {
+// What does not fit in a column, where there is anything to say.
+function addDetail(body) {
+  const row = body.insertRow();
+  row.className = "detail";
+  row.hidden = true;
+  row.setAttribute("role", "row");
+  const cell = row.insertCell();
+  cell.setAttribute("role", "cell");
+  cell.colSpan = 1 + Object.keys(COLUMNS).length;
+  return { row, cell };
+}
+
+function drawRow({ row, cells, detail }, tracker, extraS) {
   const stale = staleness(tracker, extraS);
+  const { status, isTrouble } = statusOf(tracker, stale);
   row.dataset.stale = stale;
   setText(cells.mode, tracker.mode ?? NOTHING);
   cells.mode.classList.toggle("warning", tracker.mode === "manual");
-  setText(cells.status, stale || "ok");
-  cells.status.classList.toggle("trouble", stale !== "");
+  setText(cells.status, status);
+  cells.status.classList.toggle("trouble", isTrouble);
   setText(cells.position, metres(tracker.position_m));
   const level = tracker.rssi_dbm.findLast((one) => one !== null);
   setText(cells.level, level === undefined ? NOTHING : `${number(level)} dBm`);
@@ -50,5 +72,24 @@ function drawRow({ row, cells }, tracker, extraS) {
   setText(cells.loss, share(tracker.loss_share));
   cells.loss.classList.toggle("warning", (tracker.loss_share ?? 0) > HIGH_SHARE);
   setText(cells.missing, share(tracker.missing_share));
-  cells.missing.classList.toggle("warning", tracker.missing_share > HIGH_SHARE);
+  cells.missing.classList.toggle("warning", tracker.missing_share > HIGH_SHARE && stale !== "waiting");
+  const more = details(tracker);
+  detail.row.hidden = more === "";
+  setText(detail.cell, more);
+}
+
+function statusOf(tracker, stale) {
+  if (stale === "waiting") return { status: stale, isTrouble: false };
+  if (stale === "" && tracker.condition === "left out") return { status: "left out", isTrouble: true };
+  return { status: stale || "ok", isTrouble: stale !== "" };
+}
+
+function details(tracker) {
+  const dropped = Object.entries(tracker.dropped).map(([reason, count]) => `${count} ${reason}`);
+  const parts = [
+    tracker.left_out && `left out: ${tracker.left_out}`,
+    dropped.length && `samples dropped: ${dropped.join(", ")}`,
+    ...tracker.notices.map(({ severity, text }) => `says (${severity}): ${text}`),
+  ];
+  return parts.filter(Boolean).join("; ");
 }

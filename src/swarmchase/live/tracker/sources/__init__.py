@@ -5,6 +5,7 @@ from .json_lines import JsonLinesSource
 from .kismet import KismetSource
 from .pcap import PcapSource, pcap_rows
 from .protocol import CalibratedSource, RssiSource, Sample
+from .rejected import Rejected
 from .replay import ReplaySource, csv_rows, json_rows, sik_dbm
 from .sample_buffer import SampleBuffer
 from .sender_clock import SenderClock
@@ -16,6 +17,7 @@ __all__ = [
     "JsonLinesSource",
     "KismetSource",
     "PcapSource",
+    "Rejected",
     "ReplaySource",
     "RssiSource",
     "Sample",

@@ -1,12 +1,11 @@
 """JSON records in UDP datagrams; ``json_records`` says what a record is."""
 
-from collections import Counter
-
 from ...address import LOOPBACK, host_and_port
 from ...link.udp_socket import bound_udp_socket
 from .json_records import JsonRecords
 from .kind import SourceDetails, SourceKind
 from .protocol import MOST_PER_READ, Sample
+from .rejected import Rejected
 
 READ_BYTES = 65536
 
@@ -28,9 +27,14 @@ class JsonDatagramSource:
         return int(self._socket.getsockname()[1])
 
     @property
-    def rejected(self) -> Counter[str]:
-        """How many lines were dropped, by reason."""
+    def rejected(self) -> Rejected:
+        """The lines that were no records."""
         return self._records.rejected
+
+    @property
+    def silence(self) -> str:
+        """Nobody sends to this port."""
+        return f"no datagram has come to port {self.port}"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The samples that have come."""

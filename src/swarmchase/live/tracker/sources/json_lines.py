@@ -2,12 +2,12 @@
 
 import os
 import select
-from collections import Counter
 
 from ....errors import InputError
 from .json_records import LONGEST_LINE_BYTES, JsonRecords
 from .kind import SourceDetails, SourceKind
 from .protocol import Sample
+from .rejected import Rejected
 
 READ_BYTES = 65536
 STANDARD_INPUT = 0
@@ -17,19 +17,29 @@ class JsonLinesSource:
     """Lines from a file descriptor: standard input (0), a pipe, a serial port (``serial_lines``).
 
     It is read only where something waits, so that its blocking mode, which others may share, stays as it is.
+
+    Args:
+        name: what people call it.
+        same_clock: ``JsonRecords``.
     """
 
-    def __init__(self, descriptor: int, same_clock: bool = False) -> None:
+    def __init__(self, descriptor: int, name: str = "standard input", same_clock: bool = False) -> None:
         self.ended = False
+        self._name = name
         self._descriptor = descriptor
         self._records = JsonRecords(same_clock)
         self._rest = b""
         self._too_long = False
 
     @property
-    def rejected(self) -> Counter[str]:
-        """How many lines were dropped, by reason."""
+    def rejected(self) -> Rejected:
+        """The lines that were no records."""
         return self._records.rejected
+
+    @property
+    def silence(self) -> str:
+        """Nothing is printed, or nobody is there to print."""
+        return f"{self._name} has ended" if self.ended else f"no line has come from {self._name}"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The samples of the whole lines that have come."""
@@ -50,7 +60,7 @@ class JsonLinesSource:
         if len(self._rest) > LONGEST_LINE_BYTES:
             self._rest = b""
             if not self._too_long:
-                self.rejected["line too long"] += 1
+                self.rejected.add("too long a line")
             self._too_long = True
         return lines
 

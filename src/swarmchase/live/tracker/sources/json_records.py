@@ -10,13 +10,15 @@ to loopback unless told otherwise.
 
 import json
 import math
-from collections import Counter
 from typing import Any
 
 from .protocol import Sample
+from .rejected import Rejected
 from .sender_clock import SenderClock
 
 LONGEST_LINE_BYTES = 4096
+LONGEST_EXAMPLE = 24
+"""Characters of what people are shown of a line that is no record."""
 
 
 class JsonRecords:
@@ -28,14 +30,13 @@ class JsonRecords:
     """
 
     def __init__(self, same_clock: bool = False) -> None:
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejected()
         self._sender_clock = None if same_clock else SenderClock()
 
     def sample(self, line: bytes, now_ns: int) -> Sample | None:
         """The sample in the line; None where there is none."""
-        record = parse_record(line)
+        record = parse_record(line, self.rejected)
         if record is None:
-            self.rejected["no record"] += 1
             return None
         rssi_dbm, sender_ns = record
         if sender_ns is None:
@@ -45,26 +46,34 @@ class JsonRecords:
         return self._sender_clock.local_ns(sender_ns, now_ns), rssi_dbm
 
 
-def parse_record(line: bytes) -> tuple[float, int | None] | None:
-    """(rssi_dbm, the sender's time in nanoseconds or None), or None where the line is no record. Never raises."""
+def parse_record(line: bytes, rejected: Rejected) -> tuple[float, int | None] | None:
+    """(rssi_dbm, the sender's time in nanoseconds or None), or None where the line is no record, which is counted.
+    Never raises.
+    """
     if len(line) > LONGEST_LINE_BYTES:
+        rejected.add("too long a line")
         return None
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
+        record = None
+    if not isinstance(record, dict):
+        rejected.add("no JSON object", line[:LONGEST_EXAMPLE].decode(errors="replace"))
         return None
-    if not isinstance(record, dict) or "rssi_dbm" not in record:
+    if "rssi_dbm" not in record:
+        rejected.add("without the field rssi_dbm", *(name[:LONGEST_EXAMPLE] for name in record))
         return None
     try:
-        return _level_dbm(record["rssi_dbm"]), _time_ns(record)
-    except ValueError:
+        return _level_dbm(record), _time_ns(record)
+    except ValueError as error:
+        rejected.add("with a field that is no number", str(error)[:LONGEST_EXAMPLE])
         return None
 
 
-def _level_dbm(value: Any) -> float:
+def _level_dbm(record: dict[str, Any]) -> float:
     """NaN for null, and for a whole number that is too large for a float."""
     try:
-        return math.nan if value is None else float(_number(value))
+        return math.nan if record["rssi_dbm"] is None else float(_number(record, "rssi_dbm"))
     except OverflowError:
         return math.nan
 
@@ -72,14 +81,15 @@ def _level_dbm(value: Any) -> float:
 def _time_ns(record: dict[str, Any]) -> int | None:
     for name, nanoseconds in (("time_ns", 1), ("time_s", 10**9)):
         if record.get(name) is not None:
-            time = _number(record[name])
+            time = _number(record, name)
             if not 0 <= time < 2**63 / nanoseconds:
                 raise ValueError(name)
             return round(time * nanoseconds)
     return None
 
 
-def _number(value: Any) -> int | float:
+def _number(record: dict[str, Any], name: str) -> int | float:
+    value = record[name]
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(value)
+        raise ValueError(name)
     return value

@@ -6,19 +6,21 @@ of each poll.
 """
 
 import json
-import math
 import threading
-from collections import Counter, deque
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
+from ....reading import read_bytes
 from .kind import SourceDetails, SourceKind
 from .pcap import mac_address
 from .protocol import Sample
+from .rejected import Rejected
 
 MOST_WAITING = 100
 LARGEST_ANSWER_BYTES = 1_000_000
+MOST_TOKEN_BYTES = 4096
 TIMEOUT_S = 2.0
 _FIELDS = {
     "rssi_dbm": "kismet.device.base.signal/kismet.common.signal.last_signal",
@@ -45,7 +47,8 @@ class KismetSource:
         mac_address(mac)
         if not url.startswith(("http://", "https://")):
             raise InputError(f"{url!r} is refused: allowed is the http:// or https:// address of a Kismet server")
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejected()
+        self._mac = mac
         self._url = f"{url.rstrip('/')}/devices/by-mac/{mac}/devices.json"
         self._token = token
         self._interval_s = interval_s
@@ -54,6 +57,11 @@ class KismetSource:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._poll, name="kismet", daemon=True)
         self._thread.start()
+
+    @property
+    def silence(self) -> str:
+        """The server answers, and the device sends nothing."""
+        return f"Kismet has heard nothing new of {self._mac}"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The levels that have come; Kismet's own times are whole seconds and of no use here."""
@@ -69,10 +77,10 @@ class KismetSource:
             try:
                 record = parse_answer(self._ask())
             except (OSError, ValueError) as error:
-                self.rejected[f"no answer: {type(error).__name__}"] += 1
+                self.rejected.add(f"no answer: {type(error).__name__}", str(error))
                 continue
             if record is None:
-                self.rejected["no such device in the answer"] += 1
+                self.rejected.add("no such device in the answer")
                 continue
             rssi_dbm, seen = record
             if seen != self._seen:
@@ -98,10 +106,7 @@ class KismetSource:
 
 
 def parse_answer(answer: bytes) -> tuple[float, tuple[Any, Any]] | None:
-    """(rssi_dbm, what changes with each packet), or None where the answer holds no such device. Never raises.
-
-    Kismet says 0 for a level that it does not know.
-    """
+    """(rssi_dbm, what changes with each packet), or None where the answer holds no such device. Never raises."""
     try:
         devices = json.loads(answer)
     except (ValueError, RecursionError):
@@ -111,8 +116,7 @@ def parse_answer(answer: bytes) -> tuple[float, tuple[Any, Any]] | None:
         return None
     if isinstance(device["rssi_dbm"], bool) or abs(device["rssi_dbm"]) > 1e6:
         return None
-    rssi_dbm = float(device["rssi_dbm"]) or math.nan
-    return rssi_dbm, (device.get("last_time_s"), device.get("packets"))
+    return float(device["rssi_dbm"]), (device.get("last_time_s"), device.get("packets"))
 
 
 def _open(url: str, details: SourceDetails) -> KismetSource:
@@ -124,10 +128,10 @@ def _open(url: str, details: SourceDetails) -> KismetSource:
 def _token(path: Path | None) -> str | None:
     if path is None:
         return None
-    try:
-        return path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the token in {path}: {getattr(error, 'strerror', None) or error}") from None
+    content = read_bytes(path, "token", MOST_TOKEN_BYTES)
+    if not content.isascii():
+        raise InputError(f"cannot read token {path}: it is no ASCII text")
+    return content.decode("ascii").strip()
 
 
 KIND = SourceKind(scheme="kismet", place="URL", open=_open)

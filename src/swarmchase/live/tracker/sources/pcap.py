@@ -10,14 +10,15 @@ import os
 import select
 import stat
 import struct
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 from ....errors import InputError
+from ....reading import open_descriptor, opened, refused
 from .kind import SourceDetails, SourceKind
 from .protocol import Row, Sample
 from .radiotap import parse_radiotap
+from .rejected import Rejected
 from .sender_clock import SenderClock
 
 LINK_TYPE_RADIOTAP = 127
@@ -40,7 +41,7 @@ class PcapParser:
     """
 
     def __init__(self, transmitter: str | None = None) -> None:
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejected()
         self._transmitter = None if transmitter is None else mac_address(transmitter)
         self._rest = b""
         self._byte_order = ""
@@ -92,7 +93,7 @@ class PcapParser:
             return None
         seconds, ticks, size = struct.unpack_from(self._byte_order + "III", self._rest, position)
         if size > LARGEST_PACKET_BYTES:
-            self.rejected["broken capture"] += 1
+            self.rejected.add("broken capture")
             self._broken = True
             return None
         if len(self._rest) < position + 16 + size:
@@ -102,12 +103,12 @@ class PcapParser:
     def _level_dbm(self, packet: bytes) -> float | None:
         radiotap = parse_radiotap(packet)
         if radiotap is None or radiotap.antenna_signal_dbm is None:
-            self.rejected["no signal level"] += 1
+            self.rejected.add("without a signal level")
             return None
         if self._transmitter is not None:
             sender = None if radiotap.bad_fcs else transmitter_address(packet[radiotap.length :])
             if sender != self._transmitter:
-                self.rejected["another transmitter"] += 1
+                self.rejected.add("of another transmitter", *([] if sender is None else [sender.hex(":")]))
                 return None
         return float(radiotap.antenna_signal_dbm)
 
@@ -120,21 +121,24 @@ class PcapSource:
     """
 
     def __init__(self, path: Path, transmitter: str | None = None) -> None:
-        self._parser = PcapParser(transmitter)
+        self._path, self._parser = path, PcapParser(transmitter)
         self._clock = SenderClock()
-        try:
-            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        with refused(path, "capture"):
+            self._descriptor = open_descriptor(path, _can_be_captured_to)
         # What a file holds already is not how strong the signal is now.
         while stat.S_ISREG(os.fstat(self._descriptor).st_mode) and (found := os.read(self._descriptor, READ_BYTES)):
             self._parser.feed(found)
-        self._parser.rejected.clear()
+        self._parser.rejected = Rejected()
 
     @property
-    def rejected(self) -> Counter[str]:
-        """How many packets were dropped, by reason."""
+    def rejected(self) -> Rejected:
+        """The packets that gave no level."""
         return self._parser.rejected
+
+    @property
+    def silence(self) -> str:
+        """Nothing is captured."""
+        return f"no packet has been captured in {self._path}"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The levels of the packets that have come.
@@ -162,13 +166,10 @@ def pcap_rows(path: Path, transmitter: str | None = None) -> Iterator[Row]:
         InputError: the file cannot be read, or is no capture with radiotap headers.
     """
     parser = PcapParser(transmitter)
-    try:
-        with open(path, "rb") as file:
-            while chunk := file.read(READ_BYTES):
-                for time_ns, level_dbm in parser.feed(chunk):
-                    yield time_ns / 1e9, level_dbm
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    with opened(path, "recording") as file:
+        while chunk := file.read(READ_BYTES):
+            for time_ns, level_dbm in parser.feed(chunk):
+                yield time_ns / 1e9, level_dbm
 
 
 def transmitter_address(frame: bytes) -> bytes | None:
@@ -194,6 +195,10 @@ def mac_address(text: str) -> bytes:
     if len(address) != 6 or any(len(part) != 2 for part in parts):
         raise InputError(f"{text!r} is refused: allowed is a MAC address, aa:bb:cc:dd:ee:ff")
     return address
+
+
+def _can_be_captured_to(mode: int) -> bool:
+    return stat.S_ISREG(mode) or stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
 
 
 def _open(place: str, details: SourceDetails) -> PcapSource:

@@ -4,18 +4,21 @@ A recording is rows of (seconds, dBm): ``csv_rows`` reads them from a table, ``j
 (the form of BirdsEye and GamutRF logs), ``pcap.pcap_rows`` from a capture of packets.
 """
 
-import csv
-import json
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
+from ....ranges import MOST_SHOWN_CHARACTERS
+from ....reading import Bounds, opened_table, read_json
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
 from .protocol import MOST_PER_READ, Row, Sample
+from .rejected import Rejected
+
+RECORDING_BOUNDS = Bounds(most_bytes=64 * 2**20, most_values=2**21, is_finite=False)
+"""Of a JSON recording, which is held in memory. What is no number in it is a missing sample."""
 
 
 class ReplaySource:
@@ -28,13 +31,19 @@ class ReplaySource:
     """
 
     def __init__(self, rows: Iterator[Row]) -> None:
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejected()
+        self._is_over = False
         self._rows = rows
         self._waiting = next(rows, None)
         if self._waiting is None:
             raise InputError("the recording holds no sample")
         self._start: tuple[int, float] | None = None
         self._last_s = -math.inf
+
+    @property
+    def silence(self) -> str:
+        """A gap, or the end."""
+        return "the recording is over" if self._is_over else "the recording has a gap"
 
     def read(self, now_ns: int) -> list[Sample]:
         """The samples that have fallen due."""
@@ -43,10 +52,11 @@ class ReplaySource:
             row = self._waiting or next(self._rows, None)
             self._waiting = None
             if row is None:
+                self._is_over = True
                 break
             time_s, rssi_dbm = row
             if time_s < self._last_s:
-                self.rejected["goes back in time"] += 1
+                self.rejected.add("going back in time")
                 continue
             self._start = self._start or (now_ns, time_s)
             due_ns = self._start[0] + round((time_s - self._start[1]) * 1e9)
@@ -81,20 +91,15 @@ def csv_rows(
     Raises:
         InputError: the file cannot be read, or lacks a column.
     """
-    try:
-        with open(path, newline="", encoding="utf-8", errors="replace") as file:
-            table = csv.DictReader(file)
-            for column in [rssi_column] + ([time_column] if time_column else []):
-                if column not in (table.fieldnames or []):
-                    raise InputError(f"{path} has no column {column!r}: it has {', '.join(table.fieldnames or [])}")
-            for number, fields in enumerate(table):
-                time_s = _number(fields[time_column]) if time_column else number * interval_s
-                if math.isfinite(time_s):
-                    yield time_s, to_dbm(_number(fields[rssi_column]))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except csv.Error as error:
-        raise InputError(f"cannot read {path}: {error}") from error
+    with opened_table(path, "recording") as table:
+        for column in [rssi_column] + ([time_column] if time_column else []):
+            if column not in (table.fieldnames or []):
+                names = ", ".join(table.fieldnames or [])[:MOST_SHOWN_CHARACTERS]
+                raise InputError(f"{path} has no column {column!r}: it has {names}")
+        for number, fields in enumerate(table):
+            time_s = _number(fields[time_column]) if time_column else number * interval_s
+            if math.isfinite(time_s):
+                yield time_s, to_dbm(_number(fields[rssi_column]))
 
 
 def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") -> Iterator[Row]:
@@ -103,12 +108,7 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     Raises:
         InputError: the file cannot be read, or is no such object.
     """
-    try:
-        loaded = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON: {error}") from error
+    loaded = read_json(path, "recording", RECORDING_BOUNDS)
     records = loaded.values() if isinstance(loaded, dict) else loaded if isinstance(loaded, list) else []
     rows = [
         (_number(record.get(time_field)), _number(record.get(rssi_field)))

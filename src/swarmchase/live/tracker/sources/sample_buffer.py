@@ -1,11 +1,13 @@
 """The last samples of one receiver on the grid of the sampling rate."""
 
 import math
+from collections import Counter
 
 from ....errors import InputError
+from ....levels import is_level, why_no_level
 from ...link.messages import FASTEST_SAMPLING_HZ, MOST_SAMPLES, SLOWEST_SAMPLING_HZ
 from ...link.sample_grid import SampleGrid
-from .protocol import Sample, plausible_dbm
+from .protocol import Sample
 
 LATENESS_S = 0.1
 """So long after the end of a slot of the grid its sample may still come (a serial line, a bridge, a poll); then it
@@ -31,20 +33,33 @@ class SampleBuffer:
         self._first_ns: int | None = None
         self._newest_slot = 0
         self._slots: dict[int, Sample] = {}
+        self.dropped: Counter[str] = Counter()
+        """Samples that were not taken up, by reason."""
 
-    def add(self, sample: Sample, now_ns: int) -> None:
-        """Take up a sample. What is not valid, lies in the future or is older than the window changes nothing."""
+    def add(self, sample: Sample, now_ns: int) -> bool:
+        """Take up a sample and say so. One that is no level, lies in the future or is older than the window is dropped
+        and counted."""
         time_ns, rssi_dbm = sample
+        if not is_level(rssi_dbm):
+            return self._drop(why_no_level(rssi_dbm))
         # Another process may have read the same clock a moment after us.
-        if math.isnan(plausible_dbm(rssi_dbm)) or time_ns > now_ns + LATENESS_S * 1e9:
-            return
+        if time_ns > now_ns + LATENESS_S * 1e9:
+            return self._drop("dated in the future")
         if self._first_ns is None:
             self._first_ns = time_ns
         slot = self._grid.cell(time_ns - self._first_ns)
         if slot <= self._newest_slot - self._num_samples:
-            return
-        self._slots[slot] = max(self._slots.get(slot, sample), sample)
+            return self._drop("older than the window")
+        kept = self._slots.get(slot)
+        # Of two that were taken at one time the one that came last.
+        if kept is None or time_ns >= kept[0]:
+            self._slots[slot] = sample
         self._move_to(slot)
+        return True
+
+    def _drop(self, reason: str) -> bool:
+        self.dropped[str(reason)] += 1
+        return False
 
     def window(self, now_ns: int) -> tuple[int, tuple[float, ...]] | None:
         """When the newest slot was, in nanoseconds, and the levels in dBm up to it, oldest first, NaN where nothing

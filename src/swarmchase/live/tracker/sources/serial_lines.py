@@ -8,7 +8,7 @@ from .kind import SourceDetails, SourceKind
 
 
 def _open(place: str, details: SourceDetails) -> JsonLinesSource:
-    return JsonLinesSource(open_serial_port(Path(place), details.serial_baud))
+    return JsonLinesSource(open_serial_port(Path(place), details.serial_baud), place)
 
 
 KIND = SourceKind(scheme="serial", place="PATH", open=_open)

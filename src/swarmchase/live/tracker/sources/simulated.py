@@ -3,9 +3,11 @@
 from collections.abc import Callable
 
 from ....errors import InputError
-from ...link.messages import HIGHEST_RSSI_DBM, LOWEST_RSSI_DBM, MOST_SAMPLES
+from ....levels import ERROR_VALUES_DBM, HIGHEST_DBM, LOWEST_DBM, is_level
+from ...link.messages import MOST_SAMPLES
 from .kind import SourceDetails, SourceKind
 from .protocol import Sample
+from .rejected import Rejected
 
 
 class SimulatedSource:
@@ -15,7 +17,10 @@ class SimulatedSource:
     the world sends it to a ``JsonDatagramSource``.
     """
 
+    silence = "nothing is simulated"
+
     def __init__(self, level_dbm: Callable[[int], float], sampling_hz: float) -> None:
+        self.rejected = Rejected()
         self._level_dbm = level_dbm
         self._sampling_hz = sampling_hz
         self._first_ns: int | None = None
@@ -46,8 +51,10 @@ def _open(place: str, details: SourceDetails) -> SimulatedSource:
         level_dbm = float(place)
     except ValueError:
         raise InputError(f"level {place!r} is refused: allowed is a number of dBm") from None
-    if not LOWEST_RSSI_DBM <= level_dbm <= HIGHEST_RSSI_DBM:
-        raise InputError(f"level {place} dBm is refused: allowed is {LOWEST_RSSI_DBM:g} to {HIGHEST_RSSI_DBM:g}")
+    if not is_level(level_dbm):
+        errors = ", ".join(f"{error_dbm:g}" for error_dbm in ERROR_VALUES_DBM)
+        allowed = f"{LOWEST_DBM:g} to {HIGHEST_DBM:g} but for {errors}, by which receivers tell errors"
+        raise InputError(f"level {place} dBm is refused: allowed is {allowed}")
     return SimulatedSource(lambda _time_ns: level_dbm, details.sampling_hz)
 
 

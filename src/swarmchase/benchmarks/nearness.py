@@ -1,0 +1,131 @@
+"""When the live service says "reached" over a real radio map: at how many places near an emitter and far from it.
+
+The map is two tables in a folder: ``sensors.csv`` (sensor, x_m, y_m, z_m) and ``radio_map.csv`` (x_m, y_m, z_m, sensor,
+rssi_dbm: levels in order of time, separated by blanks), made of set 1 of the Position-Annotated BLE RSSI Dataset
+(F. S. Danis et al., Pervasive and Mobile Computing 81, 2022). By reciprocity each sensor is an emitter and each place
+a receiver. The swarm hovers around every place, each tracker hears what was recorded at the place nearest to it, and
+the judge is told one path loss, the best fit to the mean levels of the whole map. A place counts as called if any of
+its windows is: they follow one another as long as the recording lasts.
+"""
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..formation import TRACKER_DIRECTION
+from ..levels import highest_dbm, is_level
+from ..live.service.nearness import NearnessJudge
+from ..live.service.settings import OperatorSettings
+from ..scenario import Scenario, paper_scenario
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+MOST_WINDOWS = 8
+"""Of one recording."""
+_BANDS = {"within 2 m": (0.0, 2.0), "2 to 4 m": (2.0, 4.0), "beyond 4 m": (4.0, np.inf), "beyond 7 m": (7.0, np.inf)}
+
+Array = npt.NDArray[np.float64]
+
+
+def measure(folder: Path) -> dict[str, Any]:
+    """The share of the places called reached, by spacing and by the distance of the place from the emitter.
+
+    Raises:
+        InputError: there is no such map.
+    """
+    emitter_m, place_m, rssi_dbm = read_map(folder)
+    distance_m = np.linalg.norm(place_m[:, None] - emitter_m, axis=2)
+    scenario, deviation_db = fitted_scenario(distance_m, rssi_dbm)
+    rows = []
+    for spacing_m in scenario.spacing_choices_m:
+        called = _called(scenario, spacing_m, place_m, rssi_dbm)
+        rows.append(
+            {"spacing_m": spacing_m}
+            | {
+                name: float(called[(distance_m > low) & (distance_m <= high)].mean())
+                for name, (low, high) in _BANDS.items()
+            }
+        )
+    return {
+        "places": len(place_m),
+        "emitters": len(emitter_m),
+        "level_at_1_m_dbm": scenario.transmit_power_dbm - scenario.reference_path_loss_db,
+        "path_loss_exponent": scenario.path_loss_exponent,
+        "deviation_db": deviation_db,
+        "no_levels_share": float(1 - is_level(rssi_dbm, highest_dbm(scenario)).mean()),
+        "pairs": {name: int(((distance_m > low) & (distance_m <= high)).sum()) for name, (low, high) in _BANDS.items()},
+        "called_reached": rows,
+    }
+
+
+def read_map(folder: Path) -> tuple[Array, Array, Array]:
+    """Emitters [emitter, xyz], places [place, xyz] and levels in dBm [place, emitter, sample].
+
+    Raises:
+        InputError: a table is missing, or holds something else.
+    """
+    try:
+        with open(folder / "sensors.csv", newline="", encoding="utf-8") as file:
+            emitters = {row["sensor"]: _point_m(row) for row in csv.DictReader(file)}
+        with open(folder / "radio_map.csv", newline="", encoding="utf-8") as file:
+            heard = {
+                (_point_m(row), row["sensor"]): [float(level) for level in row["rssi_dbm"].split()]
+                for row in csv.DictReader(file)
+            }
+        places = sorted({place for place, _ in heard})
+        samples = min(len(levels) for levels in heard.values())
+        rssi_dbm = [[heard[place, sensor][:samples] for sensor in emitters] for place in places]
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{folder} holds no radio map: {type(error).__name__}: {error}") from error
+    return np.array(list(emitters.values())), np.array(places), np.array(rssi_dbm)
+
+
+def _point_m(row: dict[str, str]) -> tuple[float, float, float]:
+    return float(row["x_m"]), float(row["y_m"]), float(row["z_m"])
+
+
+def fitted_scenario(distance_m: Array, rssi_dbm: Array) -> tuple[Scenario, float]:
+    """Table I with the path loss that fits the mean levels best (least squares), and the deviation that stays."""
+    log_distance = np.log10(np.maximum(distance_m, 1.0)).ravel()
+    level_dbm = rssi_dbm.mean(axis=2).ravel()
+    slope, at_1_m_dbm = np.polyfit(log_distance, level_dbm, 1)
+    scenario = paper_scenario(
+        transmit_power_dbm=paper_scenario().reference_path_loss_db + float(at_1_m_dbm),
+        path_loss_exponent=-float(slope) / 10,
+    )
+    return scenario, float(np.std(level_dbm - at_1_m_dbm - slope * log_distance))
+
+
+def _called(scenario: Scenario, spacing_m: float, place_m: Array, rssi_dbm: Array) -> npt.NDArray[np.bool_]:
+    """Whether the swarm around each place is told to have reached each emitter [place, emitter]."""
+    offset_m = spacing_m * TRACKER_DIRECTION.numpy()
+    apart_m = np.linalg.norm(place_m[:, None, None] + offset_m[:, None] - place_m, axis=3)
+    heard_at = apart_m.argmin(axis=2)
+    length = scenario.window_samples
+    windows = min(MOST_WINDOWS, rssi_dbm.shape[2] // length)
+    called = np.zeros(rssi_dbm.shape[:2], dtype=np.bool_)
+    for place, emitter in np.ndindex(*called.shape):
+        judge = NearnessJudge(scenario, OperatorSettings.reached_windows, OperatorSettings.minimum_trackers)
+        samples_dbm = rssi_dbm[heard_at[place], emitter].T
+        called[place, emitter] = any(
+            judge.is_reached(samples_dbm[k * length : (k + 1) * length], offset_m) for k in range(windows)
+        )
+    return called
+
+
+def table(result: dict[str, Any]) -> "Table":
+    """What ``measure`` returned, for people."""
+    from rich.table import Table
+
+    shown = Table(title=f'Places called "reached": {result["places"]} places, {result["emitters"]} emitters')
+    shown.add_column("spacing, m")
+    for name, pairs in result["pairs"].items():
+        shown.add_column(f"{name} ({pairs})", justify="right")
+    for row in result["called_reached"]:
+        shown.add_row(f"{row['spacing_m']:g}", *(f"{100 * row[name]:.1f} %" for name in result["pairs"]))
+    return shown

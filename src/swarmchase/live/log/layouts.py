@@ -1,0 +1,38 @@
+"""Frames of older logs, made into those of this version: what they did not say is not known."""
+
+from typing import Any
+
+import numpy as np
+
+from ..alarms import Severity, TrackerCondition
+from ..estimate import estimate_of
+
+_UNSAID = {"left_out": "", "notices": [], "dropped": {}}
+
+
+def renewed_frame(frame: Any) -> Any:
+    """A frame of layout 1: its alarms were lines, and it had no events.
+
+    Raises:
+        AttributeError, KeyError, TypeError, ValueError: it is no such frame.
+    """
+    belief_m = frame["belief_m"] and np.array(frame["belief_m"], dtype=np.float64).reshape(-1, 3)
+    center_m = frame["center_m"] and tuple(frame["center_m"])
+    return frame | {
+        "trackers": [tracker | {"condition": _condition(tracker)} | _UNSAID for tracker in frame["trackers"]],
+        "alarms": [{"text": text, "severity": Severity.WARNING.value, "tracker": None} for text in frame["alarms"]],
+        "events": [],
+        "estimate": estimate_of(belief_m, center_m),
+        "ended_s": None,
+        "preflight": [],
+    }
+
+
+def _condition(tracker: Any) -> str:
+    if tracker["position_m"] is None:
+        return TrackerCondition.EXPECTED.value
+    if tracker["is_lost"]:
+        return TrackerCondition.LOST.value
+    if tracker["mode"] == "manual":
+        return TrackerCondition.MANUAL.value
+    return (TrackerCondition.SILENT if tracker["is_silent"] else TrackerCondition.THERE).value

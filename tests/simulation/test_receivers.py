@@ -1,0 +1,93 @@
+"""Whole chases whose receivers report what real ones do, and whose trackers do not know where they are."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+
+from swarmchase.controllers import load_controller
+from swarmchase.levels import NoLevel
+from swarmchase.live.link.messages import TrackerMode
+from swarmchase.live.service.chase_state import ChaseState
+from swarmchase.live.tracker.sources import Sample
+from swarmchase.live.tracker.vehicles import SimulatedVehicle
+from swarmchase.scenario import paper_scenario
+from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.virtual_chase import VirtualChase
+
+SCENARIO = paper_scenario(sampling_hz=50.0, start_distance_m=30.0)
+
+
+def chase_with(faults: str, number: int = 3) -> VirtualChase:
+    return VirtualChase(SCENARIO, load_controller("particle", SCENARIO), 5, number, fault_plan(faults))
+
+
+def test_without_faults_nothing_is_dropped() -> None:
+    """Neither at a tracker, but for the moments in which the site is silent, nor by the service, up to the target."""
+    chase = chase_with("")
+    assert chase.run().reached
+    assert all(agent is not None and set(agent.dropped) == {str(NoLevel.NOTHING_HEARD)} for agent in chase.agents)
+    assert all(tracker.dropped == {} for tracker in chase.service.snapshot().trackers)
+
+
+def test_garbage_is_dropped_counted_by_reason_and_stops_nothing() -> None:
+    """From all six: what any receiver knows for none goes at the tracker, what this transmitter cannot give, here."""
+    chase = chase_with(",".join(f"garbage={tracker}@0" for tracker in range(6)))
+    assert chase.run().reached
+    for agent, tracker in zip(chase.agents, chase.service.snapshot().trackers, strict=True):
+        assert agent is not None
+        # Of seven numbers four are error values, one is 121; 17 comes as often, and goes here, counted once.
+        count = agent.dropped[str(NoLevel.OUT_OF_RANGE)]
+        assert count > 50
+        assert 3 * count < agent.dropped[str(NoLevel.ERROR_VALUE)] < 5 * count
+        assert tracker.dropped.keys() == {str(NoLevel.TOO_STRONG)}
+        assert 0.6 * count < tracker.dropped[str(NoLevel.TOO_STRONG)] < 1.4 * count
+
+
+def test_a_wild_level_that_its_transmitter_could_give_is_dropped_and_counted() -> None:
+    """Tracker 1's receiver says -15 dBm for every thirtieth sample, at 30 m from the target."""
+    chase = chase_with("")
+    receiver = chase._receivers[1]
+    put: Callable[[list[Sample]], None] = receiver.put
+    receiver.put = lambda samples: put(  # type: ignore[method-assign]
+        [(time_ns, -15.0 if time_ns // 20_000_000 % 30 == 0 else level_dbm) for time_ns, level_dbm in samples]
+    )
+    decided: list[np.ndarray] = []
+    chase._recorder = lambda entry: decided.append(entry.rssi_dbm) if hasattr(entry, "rssi_dbm") else None
+    for _ in range(400):
+        chase.tick()
+    assert len(decided) >= 2
+    assert max(float(np.nanmax(rssi_dbm[:, 1])) for rssi_dbm in decided) < -20
+    dropped = [tracker.dropped for tracker in chase.service.snapshot().trackers]
+    assert dropped[0] == {}
+    # One or two in each window of fifty.
+    assert len(decided) <= dropped[1][str(NoLevel.WILD)] <= 2 * (len(decided) + 1)
+
+
+class Adrift:
+    """A vehicle whose autopilot has lost its position."""
+
+    def __init__(self, vehicle: SimulatedVehicle, bad: float) -> None:
+        self.position_m, self.velocity_mps, self.mode = (bad, 0.0, 0.0), vehicle.velocity_mps, TrackerMode.HOLDING
+        self.go_to, self.hold, self.close = vehicle.go_to, vehicle.hold, vehicle.close
+
+    def update(self, now_ns: int) -> None:
+        """The site does it."""
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_tracker_that_does_not_know_where_it_is_is_left_behind(bad: float) -> None:
+    """Its autopilot's position becomes no number: that is not said, and to the others it is lost."""
+    chase = chase_with("")
+    while chase.service.snapshot().movements < 2:
+        chase.tick()
+    agent = chase.agents[2]
+    assert agent is not None
+    agent._vehicle = Adrift(chase.site.vehicles[2], bad)
+    result = chase.run()
+    assert result.state == ChaseState.REACHED.value
+    assert agent.ignored["impossible position"] > 0
+    assert chase.service.snapshot().trackers[2].is_lost

@@ -1,0 +1,31 @@
+"""The picture in the docs is taken by a command from a real run."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_picture_of_the_page_is_taken_of_a_chase(tmp_path: Path) -> None:
+    """At small size, after one movement. That of the docs has the size that the command gives it."""
+    pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[dev]'")
+    if shutil.which("chromium") is None:
+        pytest.skip("there is no chromium (Debian: apt-get install chromium)")
+    out = tmp_path / "page.png"
+    words = [sys.executable, "docs/pictures.py", "--out", str(out), "--movements", "1", "--size", "640", "480"]
+    ran = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.png"]
+    picture = Image.open(out).convert("HSV")
+    assert picture.size == (640, 480)
+    with Image.open(ROOT / "docs" / "live-page.png") as shown:
+        assert shown.size == (1280, 800)
+    hues, saturations, _ = np.moveaxis(np.asarray(picture, dtype=np.int64), 2, 0)
+    teal_or_blue = (hues > 118) & (hues < 155) & (saturations > 150)  # the name of a state that is under way
+    assert np.count_nonzero(teal_or_blue) > 200
