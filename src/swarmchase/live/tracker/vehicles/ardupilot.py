@@ -2,7 +2,8 @@
 
 It flies to the last one that it was sent and stays there, so nothing need be streamed, and nothing must be: a target
 that comes during a take-off ends the take-off, one that comes after a ground station's "fly here" overrides that, and
-copters up to 4.0 plan their way anew at each, so that one that comes ten times a second makes them crawl.
+copters up to 4.0 plan their way anew at each, so that one that comes ten times a second makes them crawl. One beyond a
+fence of its own it drops without a word.
 """
 
 from .firmware import Firmware, GuidedMode, Rhythm

@@ -1,9 +1,10 @@
 """A vehicle with a MAVLink autopilot, in the mode in which set-points move it: ``known_firmware`` says which makes.
 
 The operator arms it and takes it off; this only moves it, in that mode, and in the air. On the ground it is sent
-nothing, and nothing before a controller has spoken: a ground station beside it can take it off, and fly it. How
-set-points are sent is the firmware's affair; where they must not end they are streamed all the time, holding included,
-and a pilot who has it is sent its own position, so that he can give it back.
+nothing. In the air it depends on the firmware. What keeps to its last set-point is sent one when there is an order: a
+ground station beside it can take it off, and fly it, before a controller has spoken and when none speaks any more. What
+must not be without set-points is sent them all the time, its own position where nobody has an order for it, so that a
+pilot can choose the mode.
 
 Positions are dated by their arrival: the clocks of autopilots run as they please, those of simulated ones above all.
 """
@@ -33,17 +34,18 @@ SILENCE_S = 3.0
 """Without a heartbeat, which comes once a second: whether the mode is still ours is not known."""
 POSITION_IS_OLD_S = 1.0
 """Without a new one: where the vehicle is is not known."""
-HOLD_TOLD_S = 5.0
-"""So long an autopilot that keeps to its last set-point is told to hold; then others may tell it something else."""
+ORDER_REPEATED_S = 5.0
+"""So long after an order an autopilot that keeps to its last set-point is reminded of it; then others may tell it
+something else."""
 POSITIONS_HZ, LANDED_STATES_HZ = 10.0, 5.0
 
 OWN_COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT = 1
 CUSTOM_MODE_ENABLED = 1  # MAV_MODE_FLAG
 DO_SET_MODE, SET_MESSAGE_INTERVAL = 176, 511  # MAV_CMD
-ACCEPTED, UNSUPPORTED, IN_PROGRESS = 0, 3, 5  # MAV_RESULT
-RESULTS = {1: "not now", 2: "denied", 4: "failed"}
-EXTENDED_STATUS_STREAM, POSITION_STREAM = 2, 6  # MAV_DATA_STREAM
+UNSUPPORTED = 3  # MAV_RESULT
+REFUSALS = {1: "not now", 2: "denied", 4: "failed"}
+POSITION_STREAM = 6  # MAV_DATA_STREAM
 POSITION_MESSAGES = {"LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33}
 EXTENDED_SYS_STATE = 245
 POSITION_ONLY = 0b1101_1111_1000
@@ -73,13 +75,13 @@ class AutopilotVehicle:
         self._texts, self._obedience = StatusTexts(), Obedience()
         message_id = POSITION_MESSAGES[self._frame.position_message]
         self._positions = Wish(Wanted(message_id, POSITIONS_HZ, POSITION_STREAM))
-        self._landed_states = Wish(Wanted(EXTENDED_SYS_STATE, LANDED_STATES_HZ, EXTENDED_STATUS_STREAM))
+        self._landed_states = Wish(Wanted(EXTENDED_SYS_STATE, LANDED_STATES_HZ))
         self._last_position_m: Metres | None = None
         self._position_ns = 0
         self._velocity_mps: Metres = (0.0, 0.0, 0.0)
         self._destination_m: Metres | None = None
         self._following = False
-        self._held_ns = 0
+        self._ordered_ns = 0
         self._unsupported: set[int] = set()
         """Commands that it does not know."""
         self._now_ns = 0
@@ -110,7 +112,7 @@ class AutopilotVehicle:
     @property
     def state(self) -> VehicleState:
         """As it has said of late."""
-        beat = self._heartbeat
+        beat = self._beat_of_late
         if beat is None:
             return VehicleState(is_armed=False, is_airborne=None, is_simulated=False)
         return VehicleState(beat.is_armed, self._landed.is_airborne, beat.is_simulated)
@@ -122,12 +124,13 @@ class AutopilotVehicle:
     def go_to(self, position_m: Metres) -> None:
         """Send this set-point, and ask for the mode if need be."""
         if self.mode != TrackerMode.MANUAL:
-            self._destination_m, self._following = position_m, True
+            self._destination_m, self._following, self._ordered_ns = position_m, True, self._now_ns
 
     def hold(self) -> None:
-        """Send where it is now as the set-point."""
+        """Send where it is now as the set-point, at once: there may be no later."""
         if self._following:
-            self._destination_m, self._following, self._held_ns = self._last_position_m, False, self._now_ns
+            self._destination_m, self._following, self._ordered_ns = self._last_position_m, False, self._now_ns
+            self._pace.forget()
 
     def update(self, now_ns: int) -> None:
         """Take up what the autopilot has said; send what is due."""
@@ -137,18 +140,18 @@ class AutopilotVehicle:
         if self._is_due("heartbeat", HEARTBEAT_PERIOD_S):
             # MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE
             self._send(self._mavlink.heartbeat_encode(18, 8, 0, 0, 4))
-        beat = self._heartbeat
-        if beat is None:
+        if self._heartbeat is None:
             return
         for wish in (self._positions, self._landed_states):
             if wish.is_due(now_ns):
                 self._ask_for(wish.wanted)
         if self.mode == TrackerMode.MANUAL:
-            self._destination_m, self._following = None, False
-            self._pace.forget()
-        self._send_set_point(beat.firmware)
-        if self._following and not self._keeper.is_confirmed and self._is_due("mode", REQUEST_PERIOD_S):
-            self._ask_for_mode(beat)
+            self._forget_orders()
+        self._send_set_point(self._heartbeat.firmware)
+        if self._following and not self._keeper.is_confirmed:
+            self._ordered_ns = now_ns  # it can be obeyed only in the mode
+            if self._is_due("mode", REQUEST_PERIOD_S):
+                self._ask_for_mode(self._heartbeat)
         self._look_whether_it_obeys()
 
     def close(self) -> None:
@@ -156,11 +159,16 @@ class AutopilotVehicle:
         self._transport.close()
 
     @property
+    def _beat_of_late(self) -> AutopilotHeartbeat | None:
+        """None while it is silent."""
+        beat = self._heartbeat
+        return None if beat is None or self._now_ns - beat.time_ns > SILENCE_S * 1e9 else beat
+
+    @property
     def _may_fly(self) -> bool:
         """Whether it is heard, armed and in the air."""
-        beat = self._heartbeat
-        is_heard = beat is not None and self._now_ns - beat.time_ns <= SILENCE_S * 1e9
-        return is_heard and beat is not None and beat.is_armed and self._landed.is_airborne is True
+        beat = self._beat_of_late
+        return beat is not None and beat.is_armed and self._landed.is_airborne is True
 
     def _received(self) -> list[Any]:
         messages: list[Any] = []
@@ -208,7 +216,12 @@ class AutopilotVehicle:
         self._landed.take_up_heartbeat(beat)
         self._keeper.take_up(beat)
         if self._keeper.is_in_other_hands:
-            self._destination_m, self._following = None, False
+            self._forget_orders()
+
+    def _forget_orders(self) -> None:
+        if self._destination_m is not None:
+            self._pace.forget()
+        self._destination_m, self._following = None, False
 
     def _take_up_answer(self, command: int, result: int) -> None:
         beat = self._heartbeat
@@ -217,9 +230,8 @@ class AutopilotVehicle:
             self._due_ns.pop("mode", None)
             for wish in (self._positions, self._landed_states):
                 wish.ask_again(self._now_ns)
-        elif command == DO_SET_MODE and result in RESULTS and beat is not None and self._keeper.requests > 1:
-            # PX4 refuses the first one, until it has had set-points for a while.
-            self._texts.say(Severity.ERROR, f"{beat.firmware.mode_name} is refused: {RESULTS[result]}")
+        elif command == DO_SET_MODE and result in REFUSALS and beat is not None and self._keeper.refused():
+            self._texts.say(Severity.ERROR, f"{beat.firmware.mode_name} is refused: {REFUSALS[result]}")
 
     def _send_set_point(self, firmware: Firmware) -> None:
         position_m = self._set_point_m(firmware)
@@ -231,14 +243,12 @@ class AutopilotVehicle:
         """What it is to be sent while it flies, in whosever hands it is."""
         if not self._may_fly:
             return None
-        if self._keeper.is_in_other_hands:
-            return self.position_m if firmware.needs_set_points else None
-        if firmware.needs_set_points:
-            if self._keeper.is_confirmed and self._destination_m is None:
-                self._destination_m = self.position_m
-        elif not self._following and self._now_ns - self._held_ns > HOLD_TOLD_S * 1e9:
-            self._destination_m = None
-        return self._destination_m
+        if not firmware.needs_set_points:
+            is_reminded = self._now_ns - self._ordered_ns <= ORDER_REPEATED_S * 1e9
+            return self._destination_m if self._keeper.is_confirmed and is_reminded else None
+        if self._keeper.is_confirmed and not self._keeper.is_in_other_hands and self._destination_m is None:
+            self._destination_m = self.position_m
+        return self._destination_m or self.position_m
 
     def _look_whether_it_obeys(self) -> None:
         destination_m = self._destination_m if self.mode == TrackerMode.FOLLOWING else None
@@ -260,11 +270,11 @@ class AutopilotVehicle:
             self._command(DO_SET_MODE, CUSTOM_MODE_ENABLED, mode.command_mode)
 
     def _ask_for(self, wanted: Wanted) -> None:
-        if SET_MESSAGE_INTERVAL in self._unsupported:
-            rate_hz = round(wanted.rate_hz)
-            self._send(self._mavlink.request_data_stream_encode(*self._target, wanted.data_stream, rate_hz, 1))
-        else:
+        rate_hz = round(wanted.rate_hz)
+        if SET_MESSAGE_INTERVAL not in self._unsupported:
             self._command(SET_MESSAGE_INTERVAL, wanted.message_id, round(1e6 / wanted.rate_hz))
+        elif wanted.data_stream is not None:
+            self._send(self._mavlink.request_data_stream_encode(*self._target, wanted.data_stream, rate_hz, 1))
 
     def _command(self, command: int, first: int, second: int) -> None:
         self._send(self._mavlink.command_long_encode(*self._target, command, 0, first, second, 0, 0, 0, 0, 0))

@@ -23,7 +23,7 @@ class ModeKeeper:
         self.requests = 0
         """For the mode, without success."""
         self._last: AutopilotHeartbeat | None = None
-        self._has_failsafe = False
+        self._has_failsafe = self._is_known_to_be_refused = False
         self._mode_before_request: int | None = None
 
     @property
@@ -37,6 +37,7 @@ class ModeKeeper:
         self._take_up_failsafe(beat, last)
         if beat.is_guided:
             self.is_confirmed, self.taken_over, self.requests = True, False, 0
+            self._is_known_to_be_refused = False
         elif self.is_confirmed or self._mode_before_request not in {None, beat.custom_mode}:
             self.is_confirmed, self.taken_over, self._mode_before_request = False, True, None
 
@@ -58,3 +59,8 @@ class ModeKeeper:
         self._mode_before_request = None if self._last is None else self._last.custom_mode
         self.requests += 1
         return True
+
+    def refused(self) -> bool:
+        """It has been refused. Whether that is news: it is asked for again, and refused again, until it is given."""
+        was_known, self._is_known_to_be_refused = self._is_known_to_be_refused, True
+        return not was_known

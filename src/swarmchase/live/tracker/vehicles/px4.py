@@ -1,9 +1,9 @@
 """PX4: set-points move it in OFFBOARD mode. They are its proof of life: a second after the last one it leaves the mode,
 and lands where nobody has told it otherwise (COM_OBL_RC_ACT).
 
-So they are streamed as long as it flies, holding included, and also while a pilot has it, who can give it back only
-while they come. In OFFBOARD it takes off when it is armed and they come, so that on the ground it is sent none; its
-heartbeats do not say whether it is there.
+So they are streamed as long as it flies, holding included, and also while a pilot has it, who can choose the mode only
+while they come; in other modes they move nothing. In OFFBOARD it takes off when it is armed and they come, so that on
+the ground it is sent none; its heartbeats do not say whether it is there.
 """
 
 from .firmware import Firmware, GuidedMode, Rhythm

@@ -13,6 +13,7 @@ class SetPointPace:
 
     def __init__(self) -> None:
         self._sent_m: Metres | None = None
+        """None: none yet, and the next one is due at once."""
         self._sent_ns = 0
 
     def is_due(self, position_m: Metres, rhythm: Rhythm, now_ns: int) -> bool:
@@ -24,12 +25,12 @@ class SetPointPace:
 
     def _wait_s(self, position_m: Metres, rhythm: Rhythm) -> float:
         if self._sent_m is None:
-            return SOONEST_S
+            return 0.0
         moved_m = math.dist(position_m, self._sent_m)
         if moved_m == 0:
             return rhythm.repeat_s
         return SOONEST_S if moved_m >= rhythm.least_change_m else rhythm.settled_s
 
     def forget(self) -> None:
-        """The next one counts as another one: the autopilot has had other orders meanwhile."""
+        """The next one is another one, and is due at once: the autopilot has had other orders meanwhile."""
         self._sent_m = None

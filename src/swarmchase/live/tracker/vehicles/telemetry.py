@@ -20,8 +20,8 @@ class Wanted:
 
     message_id: int
     rate_hz: float
-    data_stream: int
-    """MAV_DATA_STREAM: which of the streams of old brings it."""
+    data_stream: int | None = None
+    """MAV_DATA_STREAM: which of the streams of old brings it; None where none does for sure."""
 
 
 class Wish:
