@@ -274,7 +274,7 @@ class Flight:
 
     def follow(self, position_m: Metres = (5.0, 6.0, 7.0)) -> None:
         """Until it does."""
-        self.go_on(1.1)
+        self.go_on(2.1)
         self.vehicle.go_to(position_m)
         self.go_on(4)
         assert self.vehicle.mode == FOLLOWING
@@ -310,7 +310,7 @@ def test_the_mode_is_asked_for_and_counts_when_a_heartbeat_shows_it(
     flight = Flight(firmware=firmware, kind=kind)
     flight.autopilot.command_answer, flight.autopilot.takes_set_mode = answer, takes_set_mode
     assert flight.vehicle.mode == MANUAL  # nothing is known
-    flight.go_on(1.1)
+    flight.go_on(2.1)
     assert flight.vehicle.mode == HOLDING
     assert flight.autopilot.mode_requests() == []
     flight.vehicle.go_to((5.0, 6.0, 7.0))
@@ -385,7 +385,7 @@ def test_holding_is_said_at_once_and_for_a_while(flight: Flight) -> None:
 
 def test_px4_is_streamed_to_while_it_flies() -> None:
     flight = Flight(firmware=PX4)
-    flight.go_on(1.1)
+    flight.go_on(2.1)
     flight.autopilot.heard.clear()
     flight.go_on(2)  # before anybody has spoken: so that it takes the mode at once
     assert flight.vehicle.mode == HOLDING

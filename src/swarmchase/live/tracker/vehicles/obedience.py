@@ -1,4 +1,4 @@
-"""Whether a vehicle goes where it is told: an autopilot drops a destination beyond a fence of its own without a word."""
+"""Whether a vehicle goes where it is told: an autopilot drops what lies beyond a fence of its own without a word."""
 
 import math
 
