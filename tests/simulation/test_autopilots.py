@@ -1,4 +1,4 @@
-"""The agent's vehicle beside simulated autopilots that have the habits of real ones, over real sockets; time is made."""
+"""The agent's vehicle beside simulated autopilots with the habits of real ones, over real sockets; time is made."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -11,13 +11,12 @@ from swarmchase.live.link.messages import Metres, Severity, TrackerMode
 from swarmchase.live.service.chase_state import Snapshot
 from swarmchase.live.tracker.vehicles import (
     AutopilotVehicle,
-    GlobalFrame,
     LocalFrame,
     SimulatedVehicle,
     UdpTransport,
 )
 from swarmchase.live.tracker.vehicles.frames import CoordinateFrame
-from swarmchase.scenario import NUM_TRACKERS, paper_scenario
+from swarmchase.scenario import paper_scenario
 from swarmchase.simulation.autopilot import ORIGIN, Phase, SimulatedAutopilot
 from swarmchase.simulation.simulated_ardupilot import (
     COPTER_3_5,
@@ -80,9 +79,7 @@ def flight_of(makes: Makes, frame: CoordinateFrame | None = None) -> Iterator[Fl
         yield flight
 
 
-def copter(
-    release: ArduCopterRelease = COPTER_4_6, is_in_the_air: bool = True, fence_m: float = math.inf
-) -> Makes:
+def copter(release: ArduCopterRelease = COPTER_4_6, is_in_the_air: bool = True, fence_m: float = math.inf) -> Makes:
     return lambda vehicle, port: SimulatedArduPilot(vehicle, port, release, is_in_the_air, fence_m)
 
 
@@ -293,25 +290,40 @@ def test_after_a_failsafe_a_pilot_gives_it_back_though_its_status_stays() -> Non
 
 
 def test_six_of_different_makes_chase_the_target() -> None:
-    """The real service, link and agents; the preflight passes without a word from the operator."""
-    scenario = paper_scenario(sampling_hz=10, start_distance_m=25.0)
-    makes = [copter(COPTER_4_6), copter(COPTER_4_0), copter(COPTER_3_5), px4(), copter(COPTER_4_6), px4()]
+    """The real service, link and agents. The preflight passes without a word from the operator; the battery of one
+    fails on the way, and the others reach the target without it.
+    """
+    scenario = paper_scenario(sampling_hz=10, start_distance_m=15.0)
+    makes = [copter(COPTER_4_6), copter(COPTER_4_0), copter(COPTER_3_5), px4(), px4(), copter(COPTER_4_6)]
     snapshots: list[Snapshot] = []
     chase = VirtualChase(scenario, load_controller("oracle", scenario), 1, 0, watch=snapshots.append)
     autopilots: list[SimulatedAutopilot] = []
-    for tracker in range(NUM_TRACKERS):
+    for tracker, agent in enumerate(chase.agents):
         transport = UdpTransport(0)
         autopilots.append(makes[tracker](chase.site.vehicles[tracker], transport.port))
-        agent = chase.agents[tracker]
         assert agent is not None
         agent._vehicle = AutopilotVehicle(transport, ORIGIN)
+    failing = autopilots[5]
+    assert isinstance(failing, SimulatedArduPilot)
+
+    def step_autopilots() -> None:
+        for one in autopilots:
+            one.step(chase.clock.now_ns())
+        if failing.mode == GUIDED and snapshots and snapshots[-1].movements == 2:
+            failing.fail_battery()
+
     try:
-        result = chase.run(lambda: [one.step(chase.clock.now_ns()) for one in autopilots] and None)
+        result = chase.run(step_autopilots)
     finally:
         for agent, autopilot in zip(chase.agents, autopilots, strict=True):
             assert agent is not None
             agent._vehicle.close()
             autopilot.close()
-    assert result.reached, result
-    assert {one.mode for one in autopilots} == {GUIDED, OFFBOARD}
-    assert all(not check.tracker or check.passed for check in snapshots[-1].preflight)
+    assert result.reached
+    assert [one.mode for one in autopilots] == [GUIDED, GUIDED, GUIDED, OFFBOARD, OFFBOARD, RTL]
+    trackers = snapshots[-1].trackers
+    assert trackers[5].mode is MANUAL
+    assert [[notice.text for notice in tracker.notices] for tracker in trackers] == [
+        *[[]] * 5,
+        ["Battery 1 low voltage"],
+    ]

@@ -144,9 +144,11 @@ class SimulatedAutopilot(ABC):
         self._rates_hz[int(message.param1)] = 1e6 / message.param2
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
+    @abstractmethod
     def _take_stream(self, message: Any) -> None:
-        """REQUEST_DATA_STREAM: most ignore it."""
+        """REQUEST_DATA_STREAM has come."""
 
+    @abstractmethod
     def _fly(self) -> None:
         """Do what time has come for."""
 

@@ -140,7 +140,6 @@ class SimulatedArduPilot(SimulatedAutopilot):
         if has_planned or distance_m <= CRAWL_AHEAD_M:
             return destination_m
         x_m, y_m, z_m = (
-            here + CRAWL_AHEAD_M / distance_m * (there - here)
-            for here, there in zip(at_m, destination_m, strict=True)
+            here + CRAWL_AHEAD_M / distance_m * (there - here) for here, there in zip(at_m, destination_m, strict=True)
         )
         return (x_m, y_m, z_m)

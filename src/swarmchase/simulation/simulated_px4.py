@@ -69,6 +69,9 @@ class SimulatedPx4(SimulatedAutopilot):
         else:
             self._vehicle.hold()
 
+    def _take_stream(self, message: Any) -> None:
+        """It does not know it."""
+
     def _take_set_point(self, frame: int, position_m: Metres) -> None:
         if frame not in FRAMES:
             return

@@ -310,7 +310,7 @@ def test_the_mode_is_asked_for_and_counts_when_a_heartbeat_shows_it(
     flight = Flight(firmware=firmware, kind=kind)
     flight.autopilot.command_answer, flight.autopilot.takes_set_mode = answer, takes_set_mode
     assert flight.vehicle.mode == MANUAL  # nothing is known
-    flight.go_on(2.1)
+    flight.go_on(3.5)
     assert flight.vehicle.mode == HOLDING
     assert flight.autopilot.mode_requests() == []
     flight.vehicle.go_to((5.0, 6.0, 7.0))
@@ -572,7 +572,7 @@ def test_a_stream_that_is_never_cut_between_messages_fills_no_memory(flight: Fli
         flight.go_on(0.1)
     assert flight.vehicle.mode == HOLDING
     assert flight.vehicle.rejected == {}
-    assert len(flight.vehicle._mavlink.buf) < 100
+    assert len(flight.vehicle._line.messages.buf) < 100
 
 
 @settings(deadline=None)

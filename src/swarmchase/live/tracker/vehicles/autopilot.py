@@ -13,13 +13,13 @@ import math
 from collections import Counter
 from typing import Any
 
-from ....errors import InputError
 from ...link.messages import FARTHEST_M, Metres, Severity, TrackerMode, VehicleState
 from .firmware import Firmware
 from .frames import CoordinateFrame, LocalFrame
 from .heartbeat import AutopilotHeartbeat, heartbeat_of
 from .known_firmware import UNKNOWN
 from .landed_state import LandedState
+from .mavlink_line import MavlinkLine
 from .mode_keeper import ModeKeeper
 from .obedience import Obedience
 from .protocol import Said
@@ -37,9 +37,10 @@ POSITION_IS_OLD_S = 1.0
 ORDER_REPEATED_S = 5.0
 """So long after an order an autopilot that keeps to its last set-point is reminded of it; then others may tell it
 something else."""
+STREAMED_FIRST_S = 1.2
+"""What must not be without set-points takes the mode only when they have come for more than a second."""
 POSITIONS_HZ, LANDED_STATES_HZ = 10.0, 5.0
 
-OWN_COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT = 1
 CUSTOM_MODE_ENABLED = 1  # MAV_MODE_FLAG
 DO_SET_MODE, SET_MESSAGE_INTERVAL = 176, 511  # MAV_CMD
@@ -60,16 +61,10 @@ class AutopilotVehicle:
     """
 
     def __init__(self, transport: Transport, frame: CoordinateFrame | None = None, system: int = 1) -> None:
-        try:
-            from pymavlink.dialects.v20 import common
-        except ModuleNotFoundError as error:
-            raise InputError("pymavlink is missing: pip install 'swarmchase[live]'") from error
         self.rejected: Counter[str] = Counter()
-        self._transport = transport
+        self._line = MavlinkLine(transport, system)
         self._frame: CoordinateFrame = frame or LocalFrame()
         self._target = (system, AUTOPILOT_COMPONENT)
-        self._mavlink: Any = common.MAVLink(None, srcSystem=system, srcComponent=OWN_COMPONENT)
-        self._mavlink.robust_parsing = True
         self._heartbeat: AutopilotHeartbeat | None = None
         self._landed, self._keeper, self._pace = LandedState(), ModeKeeper(), SetPointPace()
         self._texts, self._obedience = StatusTexts(), Obedience()
@@ -82,6 +77,8 @@ class AutopilotVehicle:
         self._destination_m: Metres | None = None
         self._following = False
         self._ordered_ns = 0
+        self._streaming_since_ns: int | None = None
+        """None while there is no set-point for it."""
         self._unsupported: set[int] = set()
         """Commands that it does not know."""
         self._now_ns = 0
@@ -135,11 +132,11 @@ class AutopilotVehicle:
     def update(self, now_ns: int) -> None:
         """Take up what the autopilot has said; send what is due."""
         self._now_ns = now_ns
-        for message in self._received():
+        for message in self._line.received():
             self._take_up(message)
         if self._is_due("heartbeat", HEARTBEAT_PERIOD_S):
             # MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE
-            self._send(self._mavlink.heartbeat_encode(18, 8, 0, 0, 4))
+            self._line.send(self._line.messages.heartbeat_encode(18, 8, 0, 0, 4))
         if self._heartbeat is None:
             return
         for wish in (self._positions, self._landed_states):
@@ -150,13 +147,13 @@ class AutopilotVehicle:
         self._send_set_point(self._heartbeat.firmware)
         if self._following and not self._keeper.is_confirmed:
             self._ordered_ns = now_ns  # it can be obeyed only in the mode
-            if self._is_due("mode", REQUEST_PERIOD_S):
+            if self._takes_the_mode(self._heartbeat.firmware) and self._is_due("mode", REQUEST_PERIOD_S):
                 self._ask_for_mode(self._heartbeat)
         self._look_whether_it_obeys()
 
     def close(self) -> None:
         """Close the transport; the autopilot does then what it does without a companion."""
-        self._transport.close()
+        self._line.close()
 
     @property
     def _beat_of_late(self) -> AutopilotHeartbeat | None:
@@ -169,16 +166,6 @@ class AutopilotVehicle:
         """Whether it is heard, armed and in the air."""
         beat = self._beat_of_late
         return beat is not None and beat.is_armed and self._landed.is_airborne is True
-
-    def _received(self) -> list[Any]:
-        messages: list[Any] = []
-        for data in self._transport.read():
-            found = self._mavlink.parse_buffer(data)
-            messages += found or []
-            # pymavlink keeps what it has parsed as long as something incomplete follows.
-            del self._mavlink.buf[: self._mavlink.buf_index]
-            self._mavlink.buf_index = 0
-        return messages
 
     def _take_up(self, message: Any) -> None:
         kind = message.get_type()
@@ -235,9 +222,14 @@ class AutopilotVehicle:
 
     def _send_set_point(self, firmware: Firmware) -> None:
         position_m = self._set_point_m(firmware)
-        if position_m is not None and self._pace.is_due(position_m, firmware.rhythm, self._now_ns):
+        if position_m is None:
+            self._streaming_since_ns = None
+            return
+        if self._streaming_since_ns is None:
+            self._streaming_since_ns = self._now_ns
+        if self._pace.is_due(position_m, firmware.rhythm, self._now_ns):
             now_ms = self._now_ns // 1_000_000 % 2**32
-            self._send(self._frame.set_point(self._mavlink, now_ms, self._target, POSITION_ONLY, position_m))
+            self._line.send(self._frame.set_point(self._line.messages, now_ms, self._target, POSITION_ONLY, position_m))
 
     def _set_point_m(self, firmware: Firmware) -> Metres | None:
         """What it is to be sent while it flies, in whosever hands it is."""
@@ -249,6 +241,11 @@ class AutopilotVehicle:
         if self._keeper.is_confirmed and not self._keeper.is_in_other_hands and self._destination_m is None:
             self._destination_m = self.position_m
         return self._destination_m or self.position_m
+
+    def _takes_the_mode(self, firmware: Firmware) -> bool:
+        since_ns = self._streaming_since_ns
+        has_streamed = since_ns is not None and self._now_ns - since_ns >= STREAMED_FIRST_S * 1e9
+        return has_streamed or not firmware.needs_set_points
 
     def _look_whether_it_obeys(self) -> None:
         destination_m = self._destination_m if self.mode == TrackerMode.FOLLOWING else None
@@ -265,7 +262,7 @@ class AutopilotVehicle:
         mode = firmware.guided_mode(beat.vehicle_type)
         # Some firmware does not know the command, some does not answer it, and some no longer knows the message.
         if DO_SET_MODE in self._unsupported or is_odd:
-            self._send(self._mavlink.set_mode_encode(self._target[0], CUSTOM_MODE_ENABLED, mode.custom_mode))
+            self._line.send(self._line.messages.set_mode_encode(self._target[0], CUSTOM_MODE_ENABLED, mode.custom_mode))
         else:
             self._command(DO_SET_MODE, CUSTOM_MODE_ENABLED, mode.command_mode)
 
@@ -274,14 +271,14 @@ class AutopilotVehicle:
         if SET_MESSAGE_INTERVAL not in self._unsupported:
             self._command(SET_MESSAGE_INTERVAL, wanted.message_id, round(1e6 / wanted.rate_hz))
         elif wanted.data_stream is not None:
-            self._send(self._mavlink.request_data_stream_encode(*self._target, wanted.data_stream, rate_hz, 1))
+            self._line.send(
+                self._line.messages.request_data_stream_encode(*self._target, wanted.data_stream, rate_hz, 1)
+            )
 
     def _command(self, command: int, first: int, second: int) -> None:
-        self._send(self._mavlink.command_long_encode(*self._target, command, 0, first, second, 0, 0, 0, 0, 0))
-
-    def _send(self, message: Any) -> None:
-        self._transport.write(message.pack(self._mavlink))
-        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        self._line.send(
+            self._line.messages.command_long_encode(*self._target, command, 0, first, second, 0, 0, 0, 0, 0)
+        )
 
     def _is_due(self, what: str, period_s: float) -> bool:
         if self._now_ns < self._due_ns.get(what, 0):
