@@ -152,6 +152,10 @@ class SimulatedAutopilot(ABC):
     def _fly(self) -> None:
         """Do what time has come for."""
 
+    def _end_take_off(self) -> None:
+        """It has climbed as high as it was told to."""
+        self.phase = Phase.AIR
+
     def _above_ground_m(self) -> float:
         return self._vehicle.position_m[2] - self._ground_m
 
@@ -167,7 +171,7 @@ class SimulatedAutopilot(ABC):
 
     def _begin_or_end_the_flight(self) -> None:
         if self.phase is Phase.TAKE_OFF and self._above_ground_m() >= self._climbs_to_m - TAKEN_OFF_M:
-            self.phase = Phase.AIR
+            self._end_take_off()
         elif self.phase is Phase.LANDING and self._above_ground_m() <= LANDED_M:
             self.phase, self.is_armed = Phase.GROUND, False
 

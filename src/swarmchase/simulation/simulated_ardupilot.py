@@ -29,10 +29,12 @@ class ArduCopterRelease:
     """Otherwise REQUEST_DATA_STREAM alone."""
     plans_anew: bool = False
     """At each destination, also at the one that it has."""
+    ends_take_off: bool = True
+    """Otherwise it says that it takes off until it is told to fly somewhere."""
 
 
-COPTER_3_5 = ArduCopterRelease(knows_message_intervals=False, plans_anew=True)
-COPTER_4_0 = ArduCopterRelease(plans_anew=True)
+COPTER_3_5 = ArduCopterRelease(knows_message_intervals=False, plans_anew=True, ends_take_off=False)
+COPTER_4_0 = ArduCopterRelease(plans_anew=True, ends_take_off=False)
 COPTER_4_6 = ArduCopterRelease()
 
 
@@ -131,6 +133,10 @@ class SimulatedArduPilot(SimulatedAutopilot):
             self._landed_ns = self._now_ns
         elif self._now_ns - self._landed_ns > DISARM_DELAY_S * 1e9:
             self.is_armed = False
+
+    def _end_take_off(self) -> None:
+        if self._release.ends_take_off:
+            super()._end_take_off()
 
     def _planned_m(self, destination_m: Metres) -> Metres:
         """How far it has planned its way."""

@@ -193,6 +193,7 @@ class AutopilotVehicle:
             self.rejected["impossible position"] += 1
             return
         self._last_position_m, self._velocity_mps, self._position_ns = position_m, velocity_mps, self._now_ns
+        self._landed.take_up_climb(velocity_mps[2], self._now_ns)
 
     def _take_up_heartbeat(self, message: Any) -> None:
         beat = heartbeat_of(message, self._now_ns)

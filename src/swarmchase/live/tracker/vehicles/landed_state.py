@@ -2,8 +2,10 @@
 
 from .heartbeat import AutopilotHeartbeat
 
-IN_AIR = 2  # MAV_LANDED_STATE
-UNDEFINED = 0
+UNDEFINED, IN_AIR, TAKE_OFF = 0, 2, 3  # MAV_LANDED_STATE
+HOVERS_S, HOVERS_MPS = 3.0, 0.3
+"""A take-off in which it neither climbs nor sinks for so long has ended: ArduCopter up to 4.2 says that it takes off in
+GUIDED until it is told to fly somewhere."""
 
 
 class LandedState:
@@ -18,8 +20,10 @@ class LandedState:
         self.is_airborne: bool | None = None
         """Not while it takes off or lands; None where nobody can say. What never flies is where it can be moved."""
         self._is_armed = False
-        self._said: bool | None = None
+        self._said: int | None = None
         """In EXTENDED_SYS_STATE, since it was armed."""
+        self._hovers_since_ns: int | None = None
+        """In a take-off."""
 
     def take_up_heartbeat(self, beat: AutopilotHeartbeat) -> None:
         """A heartbeat has come."""
@@ -31,7 +35,7 @@ class LandedState:
         elif not beat.is_armed:
             self.is_airborne = False
         elif self._said is not None:
-            self.is_airborne = self._said
+            self.is_airborne = self._said == IN_AIR or self._has_taken_off(beat.time_ns)
         else:
             # What was known from before it was armed is not known any more.
             unsaid = self.is_airborne or None
@@ -39,7 +43,19 @@ class LandedState:
 
     def take_up_landed_state(self, landed_state: int) -> None:
         """An EXTENDED_SYS_STATE has come."""
-        if self._is_armed and landed_state != UNDEFINED:
-            self._said = landed_state == IN_AIR
-            if not self._said:
-                self.is_airborne = False
+        if not self._is_armed or landed_state == UNDEFINED:
+            return
+        if landed_state != self._said:
+            self._said, self._hovers_since_ns = landed_state, None
+            self.is_airborne = landed_state == IN_AIR and self.is_airborne
+
+    def take_up_climb(self, up_mps: float, now_ns: int) -> None:
+        """A position has come, with its vertical speed."""
+        if abs(up_mps) >= HOVERS_MPS:
+            self._hovers_since_ns = None
+        elif self._hovers_since_ns is None:
+            self._hovers_since_ns = now_ns
+
+    def _has_taken_off(self, now_ns: int) -> bool:
+        since_ns = self._hovers_since_ns
+        return self._said == TAKE_OFF and since_ns is not None and now_ns - since_ns >= HOVERS_S * 1e9
