@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from random import Random
 
 import pytest
 
@@ -28,6 +29,7 @@ from swarmchase.simulation.simulated_ardupilot import (
     ArduCopterRelease,
     SimulatedArduPilot,
 )
+from swarmchase.simulation.simulated_ardupilot import LAND as COPTER_LAND
 from swarmchase.simulation.simulated_px4 import LAND, OFFBOARD, POSITION, SimulatedPx4
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 
@@ -131,6 +133,15 @@ def test_px4_flies_where_it_is_told(frame: CoordinateFrame) -> None:
         assert flight.told == []
 
 
+def test_px4_is_asked_for_the_mode_when_it_takes_it() -> None:
+    """A controller speaks from the beginning; nothing red during a normal start."""
+    with flight_of(px4()) as flight:
+        flight.ordered_m = (9.0, -6.0, 3.0)
+        flight.go_on(12)
+        assert flight.off_m(flight.ordered_m) < 0.05
+        assert flight.told == []
+
+
 def test_px4_lands_when_set_points_end() -> None:
     """The agent has died."""
     with flight_of(px4(is_in_the_air=False)) as flight:
@@ -200,6 +211,53 @@ def test_a_controller_does_not_end_the_take_off(release: ArduCopterRelease) -> N
         assert flight.vehicle.mode is MANUAL
         flight.go_on(12)
         assert flight.off_m(flight.ordered_m) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("makes", "modes"),
+    [
+        (copter(COPTER_4_0, is_in_the_air=False), [GUIDED, GUIDED, LOITER, COPTER_LAND]),
+        (copter(COPTER_4_6, is_in_the_air=False), [GUIDED, GUIDED, LOITER, COPTER_LAND]),
+        (px4(is_in_the_air=False), [OFFBOARD, OFFBOARD, POSITION, LAND]),
+    ],
+    ids=["ArduCopter 4.0", "ArduCopter 4.6", "PX4"],
+)
+def test_whatever_people_do_nothing_is_sent_on_the_ground(makes: Makes, modes: list[int]) -> None:
+    """Nor in a climb. What it says of that may be half a second old."""
+    flights, sent = 0, 0
+    for seed in range(8):
+        random = Random(seed)
+        with flight_of(makes) as flight:
+            began_ns, phase = flight.now_ns, flight.autopilot.phase
+            for _ in range(20):
+                do_something(flight, modes, random)
+                for _ in range(random.randint(4, 60)):
+                    before = flight.set_points()
+                    flight.go_on(STEP_S)
+                    if flight.autopilot.phase is not phase:
+                        began_ns, phase = flight.now_ns, flight.autopilot.phase
+                        flights += phase is Phase.TAKE_OFF
+                    is_climbing = phase is Phase.TAKE_OFF and flight.flown.velocity_mps[2] > 0.3
+                    if (phase is Phase.GROUND or is_climbing) and flight.now_ns - began_ns > 0.5e9:
+                        assert flight.set_points() == before, (seed, phase)
+                    sent += flight.set_points() - before
+    assert flights >= 8
+    assert sent >= 20
+
+
+def do_something(flight: Flight, modes: list[int], random: Random) -> None:
+    """As pilots, people at ground stations and controllers do."""
+    what = random.randrange(5)
+    if what == 0:
+        flight.autopilot.choose(random.choice(modes))
+    elif what == 1:
+        flight.ordered_m = (random.uniform(-9, 9), 0.0, random.uniform(3, 9))
+    elif what == 2:
+        flight.ordered_m = None
+        flight.vehicle.hold()
+    else:
+        flight.autopilot.arm()
+        flight.autopilot.take_off(random.uniform(2, 8))
 
 
 def test_a_ground_station_s_fly_here_lasts() -> None:
