@@ -190,7 +190,8 @@ class SimulatedAutopilot(ABC):
         kind = message.get_type()
         self.heard[kind] += 1
         if kind == "COMMAND_LONG":
-            self._say(self._mavlink.command_ack_encode(message.command, self._result(message)))
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            self._say(self._mavlink.command_ack_encode(message.command, self._result(message), 0, 0, *sender))
         elif kind == "SET_MODE":
             self.choose(message.custom_mode)
         elif kind == "REQUEST_DATA_STREAM":

@@ -519,6 +519,25 @@ def test_others_on_the_same_line_are_not_the_autopilot(flight: Flight) -> None:
         other.socket.close()
 
 
+def test_what_a_ground_station_is_answered_is_not_for_us(flight: Flight) -> None:
+    flight.autopilot.knows_where_it_is = False
+    flight.autopilot.command_answer, flight.autopilot.takes_set_mode = "silent", False
+    flight.go_on(1.1)
+    flight.vehicle.go_to((1.0, 2.0, 3.0))
+    flight.go_on(0.1)
+    assert flight.autopilot.mode_requests() == ["COMMAND_LONG"]
+    for command, answer in ((176, "denied"), (511, "unsupported")):
+        for system, component in ((255, 190), (1, 190)):
+            answered = (command, MAV_RESULT[answer], 0, 0, system, component)
+            flight.autopilot.say(flight.autopilot.mavlink.command_ack_encode(*answered))
+    flight.go_on(4)
+    assert flight.vehicle.said() == []
+    assert flight.autopilot.heard_of("REQUEST_DATA_STREAM") == []
+    flight.autopilot.say(flight.autopilot.mavlink.command_ack_encode(511, MAV_RESULT["unsupported"], 0, 0, 1, 191))
+    flight.go_on(0.1)
+    assert len(flight.autopilot.heard_of("REQUEST_DATA_STREAM")) == 1
+
+
 def test_a_position_is_asked_for_and_grows_old(flight: Flight) -> None:
     flight.autopilot.knows_where_it_is = False
     flight.go_on(2)

@@ -182,7 +182,7 @@ class AutopilotVehicle:
             self._landed.take_up_landed_state(message.landed_state)
         elif kind == "STATUSTEXT":
             self._texts.take_up(message)
-        elif kind == "COMMAND_ACK":
+        elif kind == "COMMAND_ACK" and self._line.is_for_us(message):
             self._take_up_answer(message.command, message.result)
 
     def _take_up_position(self, message: Any) -> None:

@@ -36,6 +36,11 @@ class MavlinkLine:
             self.messages.buf_index = 0
         return messages
 
+    def is_for_us(self, message: Any) -> bool:
+        """Whether one that may name whom it is for names us, or nobody: a ground station has answers of its own."""
+        system, component = message.target_system, message.target_component
+        return system in {0, self.messages.srcSystem} and component in {0, OWN_COMPONENT}
+
     def send(self, message: Any) -> None:
         """What cannot be sent is lost."""
         self._transport.write(message.pack(self.messages))

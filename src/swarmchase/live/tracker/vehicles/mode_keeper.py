@@ -62,5 +62,6 @@ class ModeKeeper:
 
     def refused(self) -> bool:
         """It has been refused. Whether that is news: it is asked for again, and refused again, until it is given."""
-        was_known, self._is_known_to_be_refused = self._is_known_to_be_refused, True
-        return not was_known
+        is_news = self.requests > 0 and not self._is_known_to_be_refused
+        self._is_known_to_be_refused |= is_news
+        return is_news
