@@ -278,6 +278,14 @@ def test_a_ground_station_s_fly_here_lasts() -> None:
         flight.autopilot.fly_here((-5.0, 0.0, 0.0))
         flight.go_on(20)
         assert flight.off_m((-5.0, 0.0, 0.0)) < 0.05
+        # It has returned as far as the agent leads it, and nothing is said any more.
+        flight.vehicle.go_to((0.0, 0.0, 0.0))
+        flight.go_on(10)
+        assert flight.off_m((0.0, 0.0, 0.0)) < 0.05
+        flight.autopilot.fly_here((5.0, 0.0, 0.0))
+        flight.go_on(20)
+        assert flight.off_m((5.0, 0.0, 0.0)) < 0.05
+        assert flight.told == []
 
 
 @RELEASES

@@ -38,8 +38,8 @@ RETURNED_S = 8.0
 SEPARATIONS_M = (1.0, 2.0, 3.0)
 MOST_ERROR_M = 0.5
 MOST_GUSTS_MPS2 = 0.5
-"""With the longest lag it puts a hovering vehicle up to .37 m beside its set-point (.32 m in 99 % of the time); of a real
-ArduCopter in a wind of 8 m/s .23 m were seen."""
+"""With the longest lag it puts a hovering vehicle up to .37 m beside its set-point (.32 m in 99 % of the time); of a
+real ArduCopter in a wind of 8 m/s .23 m were seen."""
 WANTED_SPACINGS_M = (1.0, 1.0, 2.0, 3.0, 5.0)
 FARTHEST_WANTED_M = 6.0
 """On each axis, in one movement."""

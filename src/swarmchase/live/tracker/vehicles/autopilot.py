@@ -237,11 +237,14 @@ class AutopilotVehicle:
         if not self._may_fly:
             return None
         if not firmware.needs_set_points:
-            is_reminded = self._now_ns - self._ordered_ns <= ORDER_REPEATED_S * 1e9
-            return self._destination_m if self._keeper.is_confirmed and is_reminded else None
+            return self._destination_m if self._keeper.is_confirmed and self._order_is_fresh else None
         if self._keeper.is_confirmed and not self._keeper.is_in_other_hands and self._destination_m is None:
             self._destination_m = self.position_m
         return self._destination_m or self.position_m
+
+    @property
+    def _order_is_fresh(self) -> bool:
+        return self._now_ns - self._ordered_ns <= ORDER_REPEATED_S * 1e9
 
     def _takes_the_mode(self, firmware: Firmware) -> bool:
         since_ns = self._streaming_since_ns
@@ -249,7 +252,8 @@ class AutopilotVehicle:
         return has_streamed or not firmware.needs_set_points
 
     def _look_whether_it_obeys(self) -> None:
-        destination_m = self._destination_m if self.mode == TrackerMode.FOLLOWING else None
+        is_led = self.mode == TrackerMode.FOLLOWING and self._order_is_fresh
+        destination_m = self._destination_m if is_led else None
         complaint = self._obedience.complaint(destination_m, self.position_m, self._velocity_mps, self._now_ns)
         if complaint is not None:
             self._texts.say(Severity.WARNING, complaint)
