@@ -4,8 +4,8 @@ from .heartbeat import AutopilotHeartbeat
 
 UNDEFINED, IN_AIR, TAKE_OFF = 0, 2, 3  # MAV_LANDED_STATE
 HOVERS_S, HOVERS_MPS = 3.0, 0.3
-"""A take-off in which it neither climbs nor sinks for so long has ended: older ArduCopters, 4.0 among them, say that they
-take off in GUIDED until they are told to fly somewhere."""
+"""A take-off in which it neither climbs nor sinks for so long has ended: older ArduCopters, 4.0 among them, say that
+they take off in GUIDED until they are told to fly somewhere."""
 
 
 class LandedState:
