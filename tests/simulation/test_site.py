@@ -29,7 +29,6 @@ from swarmchase.live.tracker.vehicles import SimulatedVehicle
 from swarmchase.live.tracker.vehicles.address import open_vehicle
 from swarmchase.live.tracker.vehicles.kind import VehicleDetails
 from swarmchase.scenario import paper_scenario
-from swarmchase.simulation.autopilot import SimulatedAutopilot
 from swarmchase.simulation.fault_plan import (
     FaultPlan,
     ProcessFault,
@@ -42,6 +41,7 @@ from swarmchase.simulation.faulty_path import Faults
 from swarmchase.simulation.forger import Forger
 from swarmchase.simulation.radio import BREAK_AFTER_S, BREAK_BEFORE_S, Radio
 from swarmchase.simulation.receivers_gone_wrong import FailingReceiver
+from swarmchase.simulation.simulated_ardupilot import LOITER, SimulatedArduPilot
 from swarmchase.simulation.site import MOST_SAMPLES_MADE_UP, Site
 from swarmchase.simulation.tracker_processes import free_udp_ports
 from swarmchase.simulation.udp_relay import UdpRelay
@@ -480,7 +480,7 @@ def test_a_simulated_autopilot_is_flown_by_the_agent_s_vehicle() -> None:
     (port,) = free_udp_ports(1)
     flown = SimulatedVehicle((1.0, 2.0, 30.0))
     vehicle = open_vehicle(f"mavlink:{port}", VehicleDetails(autopilot_origin_m=(0.0, 0.0, 0.0)))
-    autopilot = SimulatedAutopilot(flown, port)
+    autopilot = SimulatedArduPilot(flown, port)
     now_ns = START_NS
 
     def go_on(seconds: float) -> None:
@@ -503,7 +503,7 @@ def test_a_simulated_autopilot_is_flown_by_the_agent_s_vehicle() -> None:
         assert flown.position_m == pytest.approx((4, -2, 33), abs=0.001)
         assert vehicle.position_m == pytest.approx((4, -2, 33), abs=0.001)
         # A pilot takes it: what the agent wants is no longer obeyed.
-        autopilot._mode = 5
+        autopilot.choose(LOITER)
         go_on(1.5)
         assert vehicle.mode is TrackerMode.MANUAL
         vehicle.go_to((50.0, 50.0, 50.0))

@@ -21,13 +21,14 @@ from ..live.tracker.sources import Sample
 from ..processes.children import begin_child
 from ..processes.stop_request import StopRequest
 from ..scenario import NUM_TRACKERS, Scenario
-from .autopilot import SimulatedAutopilot
 from .fault_plan import FaultPlan
+from .simulated_ardupilot import SimulatedArduPilot
 from .site import Site
 from .tracker_processes import TrackerPorts, TrackerProcesses, free_udp_ports
 from .udp_relay import UdpRelay
 
 TICK_S = 0.005
+POSITION_HZ = 20.0
 TRUTH_PERIOD_S = 0.2
 READY_S = 60.0
 """So long six processes may take to start on a busy machine."""
@@ -114,7 +115,8 @@ class _Stage:
         self._sources = [(LOOPBACK, one.source) for one in ports]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._autopilots = [
-            SimulatedAutopilot(vehicle, one.vehicle) for vehicle, one in zip(self._site.flown, ports, strict=True)
+            SimulatedArduPilot(vehicle, one.vehicle, position_hz=POSITION_HZ)
+            for vehicle, one in zip(self._site.flown, ports, strict=True)
         ]
         self._trackers = TrackerProcesses(play.scenario, play.plan, ports, play.folder)
         self._start_ns: int | None = None

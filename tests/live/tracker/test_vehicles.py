@@ -25,8 +25,8 @@ from swarmchase.live.tracker.vehicles import (
     Vehicle,
     VehicleLimits,
 )
-from swarmchase.live.tracker.vehicles.autopilot import MOST_MODE_REQUESTS
 from swarmchase.live.tracker.vehicles.frames import CoordinateFrame
+from swarmchase.live.tracker.vehicles.mode_keeper import MOST_REQUESTS
 
 HOLDING, FOLLOWING, MANUAL = TrackerMode.HOLDING, TrackerMode.FOLLOWING, TrackerMode.MANUAL
 SECOND_NS = 1_000_000_000
@@ -178,11 +178,13 @@ COPTER, PLANE, ROVER = 2, 1, 10
 STABILIZE, AUTO, GUIDED, LOITER, RTL, PLANE_GUIDED = 0, 3, 4, 5, 6, 15
 PX4_POSITION, PX4_RETURN, PX4_OFFBOARD = 3 << 16, 4 << 16 | 5 << 24, 6 << 16
 ACTIVE, CRITICAL = 4, 5
+IN_AIR = 2
 MAV_RESULT = {"accepted": 0, "denied": 2, "unsupported": 3}
 
 
 class FakeAutopilot:
-    """Says a heartbeat a second and its position ten times a second, and answers to mode requests as it is told to."""
+    """In the air. Says a heartbeat a second, and ten times a second where it is and that it flies; answers to mode
+    requests as it is told to. ``swarmchase.simulation`` has autopilots with habits of their own."""
 
     def __init__(self, port: int, firmware: int = ARDUPILOT, kind: int = COPTER, system: int = 1) -> None:
         from pymavlink.dialects.v20 import common
@@ -208,6 +210,9 @@ class FakeAutopilot:
     def beat(self) -> None:
         armed = 128 if self.armed else 0
         self.say(self.mavlink.heartbeat_encode(self.kind, self.firmware, 1 | armed, self.mode, self.status))
+
+    def say_that_it_flies(self) -> None:
+        self.say(self.mavlink.extended_sys_state_encode(0, IN_AIR))
 
     def say_position(self) -> None:
         self.say(self.mavlink.local_position_ned_encode(0, *self.north_east_down_m, 1.0, 2.0, -3.0))
@@ -261,6 +266,7 @@ class Flight:
             if self.autopilot.speaks:
                 if self.step % 10 == 0:
                     self.autopilot.beat()
+                self.autopilot.say_that_it_flies()
                 if self.autopilot.knows_where_it_is:
                     self.autopilot.say_position()
             self.vehicle.update(self.step * SECOND_NS // 10)
@@ -268,7 +274,7 @@ class Flight:
 
     def follow(self, position_m: Metres = (5.0, 6.0, 7.0)) -> None:
         """Until it does."""
-        self.go_on(1.1)
+        self.go_on(2.1)
         self.vehicle.go_to(position_m)
         self.go_on(4)
         assert self.vehicle.mode == FOLLOWING
@@ -304,7 +310,7 @@ def test_the_mode_is_asked_for_and_counts_when_a_heartbeat_shows_it(
     flight = Flight(firmware=firmware, kind=kind)
     flight.autopilot.command_answer, flight.autopilot.takes_set_mode = answer, takes_set_mode
     assert flight.vehicle.mode == MANUAL  # nothing is known
-    flight.go_on(1.1)
+    flight.go_on(3.5)
     assert flight.vehicle.mode == HOLDING
     assert flight.autopilot.mode_requests() == []
     flight.vehicle.go_to((5.0, 6.0, 7.0))
@@ -322,33 +328,83 @@ def test_the_mode_is_asked_for_and_counts_when_a_heartbeat_shows_it(
     flight.close()
 
 
-def test_set_points_are_streamed_in_the_autopilot_s_frame() -> None:
+def test_set_points_are_in_the_autopilot_s_frame() -> None:
     flight = Flight(LocalFrame(offset_m=(1.0, 2.0, 3.0)))
     flight.follow((5.0, 6.0, 7.0))
     assert flight.vehicle.position_m == (1.0, 2.0, 13.0)
     assert flight.vehicle.velocity_mps == (2.0, 1.0, 3.0)
-    flight.go_on(1)
-    assert flight.autopilot.set_points() == [(4, 4, -4)] * 10
-    (first, *_) = flight.autopilot.heard_of("SET_POSITION_TARGET_LOCAL_NED")
-    assert (first.coordinate_frame, first.type_mask, first.target_system, first.target_component) == (1, 0xDF8, 1, 1)
-    assert len(flight.autopilot.heard_of("HEARTBEAT")) == 1
     flight.vehicle.go_to((5.0, 6.5, 7.0))
-    flight.go_on(0.1)
-    assert flight.autopilot.set_points()[-1] == (4.5, 4, -4)
+    flight.go_on(1)
+    (sent,) = flight.autopilot.heard_of("SET_POSITION_TARGET_LOCAL_NED")
+    assert (sent.x, sent.y, sent.z) == (4.5, 4, -4)
+    assert (sent.coordinate_frame, sent.type_mask, sent.target_system, sent.target_component) == (1, 0xDF8, 1, 1)
+    assert len(flight.autopilot.heard_of("HEARTBEAT")) == 1
     flight.close()
 
 
-def test_holding_is_streamed_too(flight: Flight) -> None:
+def test_ardupilot_is_sent_what_changes_and_reminded_for_a_while(flight: Flight) -> None:
+    flight.follow((5.0, 6.0, 7.0))
+    for tenth in range(20):  # 3 m/s: each .1 s another one
+        flight.vehicle.go_to((5.0 + 0.3 * (tenth + 1), 6.0, 7.0))
+        flight.go_on(0.1)
+    assert len(flight.autopilot.set_points()) == 20
+    flight.autopilot.heard.clear()
+    for tenth in range(20):  # .5 m/s
+        flight.vehicle.go_to((11.0 + 0.05 * (tenth + 1), 6.0, 7.0))
+        flight.go_on(0.1)
+    assert len(flight.autopilot.set_points()) == 6
+    flight.go_on(1)
+    assert flight.autopilot.set_points()[-1] == (6, 12, -7)  # also the last little change
+    flight.autopilot.heard.clear()
+    for _ in range(40):  # the controller says the same again and again
+        flight.vehicle.go_to((12.0, 6.0, 7.0))
+        flight.go_on(0.1)
+    assert flight.autopilot.set_points() == [(6, 12, -7)] * 2
+    flight.go_on(6)  # it falls silent
+    flight.autopilot.heard.clear()
+    flight.go_on(20)
+    assert flight.autopilot.set_points() == []
+
+
+def test_holding_is_said_at_once_and_for_a_while(flight: Flight) -> None:
     flight.follow()
+    flight.autopilot.north_east_down_m = (3.0, 2.0, -9.0)
+    flight.vehicle.go_to((4.0, 6.0, 7.0))
+    flight.go_on(0.1)
+    flight.autopilot.heard.clear()
+    flight.vehicle.hold()
+    flight.vehicle.update(flight.step * SECOND_NS // 10)  # no time has passed: the agent ends
+    flight.autopilot.hear()
+    assert flight.autopilot.set_points() == [(3, 2, -9)]
+    flight.autopilot.north_east_down_m = (3.5, 2.0, -9.0)  # it drifts on
+    flight.go_on(30)
+    assert flight.vehicle.mode == HOLDING
+    assert flight.autopilot.set_points() == [(3, 2, -9)] * 3
+    assert flight.autopilot.mode == GUIDED
+
+
+def test_px4_is_streamed_to_while_it_flies() -> None:
+    flight = Flight(firmware=PX4)
+    flight.go_on(2.1)
+    flight.autopilot.heard.clear()
+    flight.go_on(2)  # before anybody has spoken: so that it takes the mode at once
+    assert flight.vehicle.mode == HOLDING
+    assert flight.autopilot.set_points() == [(0, 0, -10)] * 20
+    assert flight.autopilot.mode_requests() == []
+    flight.vehicle.go_to((5.0, 6.0, 7.0))
+    flight.go_on(2)
+    flight.autopilot.heard.clear()
+    flight.go_on(20)
+    assert flight.autopilot.set_points() == [(6, 5, -7)] * 200
     flight.autopilot.north_east_down_m = (3.0, 2.0, -9.0)
     flight.go_on(0.1)
     flight.vehicle.hold()
     flight.autopilot.north_east_down_m = (3.5, 2.0, -9.0)  # it drifts on
     flight.autopilot.heard.clear()
-    flight.go_on(2)
+    flight.go_on(20)
     assert flight.vehicle.mode == HOLDING
-    assert flight.autopilot.set_points() == [(3, 2, -9)] * 20
-    assert flight.autopilot.mode == GUIDED
+    assert flight.autopilot.set_points() == [(3, 2, -9)] * 200
+    flight.close()
 
 
 @pytest.mark.parametrize("mode", [STABILIZE, LOITER, RTL, AUTO])
@@ -369,7 +425,7 @@ def test_what_a_pilot_or_a_failsafe_takes_is_left_alone_until_it_is_given_back(f
     flight.autopilot.mode = GUIDED
     flight.go_on(3)
     assert flight.vehicle.mode == HOLDING
-    assert set(flight.autopilot.set_points()) == {(7, 8, -9)}
+    assert flight.autopilot.set_points() == []
     flight.vehicle.go_to((1.0, 2.0, 3.0))
     flight.go_on(0.1)
     assert flight.vehicle.mode == FOLLOWING
@@ -423,7 +479,7 @@ def test_a_refused_mode_is_not_asked_for_for_ever(flight: Flight) -> None:
     flight.vehicle.go_to((1.0, 2.0, 3.0))
     flight.go_on(30)
     assert flight.vehicle.mode == MANUAL
-    assert len(flight.autopilot.mode_requests()) == MOST_MODE_REQUESTS
+    assert len(flight.autopilot.mode_requests()) == MOST_REQUESTS
     assert flight.vehicle.rejected["mode refused"] == 1
     flight.autopilot.mode = GUIDED  # by the pilot
     flight.go_on(1)
@@ -461,6 +517,25 @@ def test_others_on_the_same_line_are_not_the_autopilot(flight: Flight) -> None:
     assert flight.vehicle.mode == FOLLOWING
     for other in (station, gimbal, stranger):
         other.socket.close()
+
+
+def test_what_a_ground_station_is_answered_is_not_for_us(flight: Flight) -> None:
+    flight.autopilot.knows_where_it_is = False
+    flight.autopilot.command_answer, flight.autopilot.takes_set_mode = "silent", False
+    flight.go_on(1.1)
+    flight.vehicle.go_to((1.0, 2.0, 3.0))
+    flight.go_on(0.1)
+    assert flight.autopilot.mode_requests() == ["COMMAND_LONG"]
+    for command, answer in ((176, "denied"), (511, "unsupported")):
+        for system, component in ((255, 190), (1, 190)):
+            answered = (command, MAV_RESULT[answer], 0, 0, system, component)
+            flight.autopilot.say(flight.autopilot.mavlink.command_ack_encode(*answered))
+    flight.go_on(4)
+    assert flight.vehicle.said() == []
+    assert flight.autopilot.heard_of("REQUEST_DATA_STREAM") == []
+    flight.autopilot.say(flight.autopilot.mavlink.command_ack_encode(511, MAV_RESULT["unsupported"], 0, 0, 1, 191))
+    flight.go_on(0.1)
+    assert len(flight.autopilot.heard_of("REQUEST_DATA_STREAM")) == 1
 
 
 def test_a_position_is_asked_for_and_grows_old(flight: Flight) -> None:
@@ -516,7 +591,7 @@ def test_a_stream_that_is_never_cut_between_messages_fills_no_memory(flight: Fli
         flight.go_on(0.1)
     assert flight.vehicle.mode == HOLDING
     assert flight.vehicle.rejected == {}
-    assert len(flight.vehicle._mavlink.buf) < 100
+    assert len(flight.vehicle._line.messages.buf) < 100
 
 
 @settings(deadline=None)
@@ -624,7 +699,7 @@ def test_global_set_points_are_where_they_should_be(latitude_deg: float, longitu
     on_earth_m = []
     for place_m in places_m:
         sent = frame.set_point(mavlink, 7, (1, 1), 0xDF8, place_m)
-        assert (sent.coordinate_frame, sent.type_mask, sent.time_boot_ms) == (0, 0xDF8, 7)
+        assert (sent.coordinate_frame, sent.type_mask, sent.time_boot_ms) == (5, 0xDF8, 7)
         assert abs(sent.lon_int) <= 1_800_000_000
         on_earth_m.append(earth_centred_m(sent.lat_int / 1e7, sent.lon_int / 1e7, sent.alt))
         reported = mavlink.global_position_int_encode(
@@ -661,9 +736,10 @@ def test_a_global_flight() -> None:
     )
     flight.follow((0.0, 0.0, 15.0))
     assert flight.vehicle.position_m == (0, 0, 12)
+    flight.vehicle.go_to((0.0, 0.0, 16.0))
     flight.go_on(0.1)
     (sent,) = flight.autopilot.heard_of("SET_POSITION_TARGET_GLOBAL_INT")
-    assert (sent.lat_int, sent.lon_int, sent.alt) == (450_000_000, 100_000_000, 115)
+    assert (sent.lat_int, sent.lon_int, sent.alt) == (450_000_000, 100_000_000, 116)
     flight.close()
 
 

@@ -1,6 +1,6 @@
 """What autopilots of different makes do in their own ways."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 
@@ -15,13 +15,30 @@ class GuidedMode:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rhythm:
+    """When set-points are sent, never more often than ``set_points.SOONEST_S`` apart."""
+
+    least_change_m: float
+    """One that is so far from the last one sent is sent at once."""
+    settled_s: float
+    """One that is nearer, and another one, is sent so long after the last."""
+    repeat_s: float
+    """The same one is sent again after so long: it may have got lost."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Firmware:
     """One make of autopilot."""
 
     name: str
     mav_autopilot: int
     """By which its heartbeats are known: MAV_AUTOPILOT."""
+    mode_name: str
+    """Of the flight mode in which set-points move it."""
     guided_mode: Callable[[int], GuidedMode]
-    """Of vehicles of a MAV_TYPE."""
-    wants_set_points_from_manual: bool
-    """Whether a pilot can give the vehicle back only while set-points come."""
+    """The same, for vehicles of a MAV_TYPE."""
+    rhythm: Rhythm
+    needs_set_points: bool
+    """Whether it leaves the mode when set-points end, and lets a pilot choose it only while they come."""
+    airborne_of_status: Mapping[int, bool]
+    """What ``system_status`` of its heartbeats says of being in the air, where it says that: MAV_STATE."""

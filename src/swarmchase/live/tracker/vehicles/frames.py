@@ -13,6 +13,7 @@ from ...link.messages import Metres
 
 EQUATORIAL_RADIUS_M, ECCENTRICITY_SQUARED = 6_378_137.0, 6.69437999014e-3
 """WGS 84."""
+GLOBAL_INT = 5  # MAV_FRAME
 
 
 @runtime_checkable
@@ -98,7 +99,7 @@ class GlobalFrame:
         return (message.vy / 100, message.vx / 100, -message.vz / 100)
 
     def set_point(self, mavlink: Any, now_ms: int, target: tuple[int, int], type_mask: int, position_m: Metres) -> Any:
-        """SET_POSITION_TARGET_GLOBAL_INT in MAV_FRAME_GLOBAL (0): altitude above sea level."""
+        """SET_POSITION_TARGET_GLOBAL_INT in MAV_FRAME_GLOBAL_INT (5): altitude above sea level. PX4 refuses 0."""
         east_m, north_m = self._metres_per_degree()
         latitude_deg = self.latitude_deg + position_m[1] / north_m
         longitude_deg = (self.longitude_deg + position_m[0] / east_m + 180) % 360 - 180
@@ -106,7 +107,7 @@ class GlobalFrame:
         return mavlink.set_position_target_global_int_encode(
             now_ms,
             *target,
-            0,
+            GLOBAL_INT,
             type_mask,
             round(latitude_deg * 1e7),
             round(longitude_deg * 1e7),
