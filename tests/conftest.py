@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from type_checks import check_types
+from type_checks import check_axes_anew, check_types
 
 check_types()
 
@@ -41,6 +41,11 @@ PROCESSES = {
 """Real processes, a Ray cluster, or a browser, with limits of wall time: never two of them side by side."""
 LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.py", "training"}
 """Files and folders that take long: they begin early, so that no worker has one left when the other is done."""
+
+
+def pytest_runtest_setup() -> None:
+    """The first calls in each test are checked."""
+    check_axes_anew()
 
 
 @pytest.hookimpl(wrapper=True, optionalhook=True)

@@ -307,7 +307,7 @@ def test_the_operators_words(site: Site) -> None:
     service.wait_for("Waiting for the word start")
     site.swarm(EAST_IS_LOUDER_DBM)
     service.say("fly")
-    service.wait_for("no word 'fly'; there are start, hold, resume, reached, abort, quit")
+    service.wait_for("no word 'fly'; there are start, override, hold, resume, reached, abort, quit")
     service.say("start")
     service.wait_for("-> moving: movement 1")
     service.say("hold")

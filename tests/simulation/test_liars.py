@@ -12,6 +12,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 from swarmchase import load_controller
 from swarmchase.benchmarks import liars
 from swarmchase.benchmarks.live import LiveWork
+from swarmchase.levels import NoLevel
 from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Events
@@ -40,10 +41,10 @@ def _without_type_checks() -> Iterator[None]:
     ("faults", "reasons"),
     [
         ("offset={0}@0", [f"it says that it is 29.9 {ASTRAY}"]),
-        ("loud={0}@0", [CONTRADICTS]),
+        ("loud={0}@0", [NoLevel.TOO_STRONG]),
         ("stays={0}@0", [ASTRAY, NOT_FOLLOWED]),
         ("fence={0}@0", [ASTRAY, NOT_FOLLOWED]),
-        ("offset={0}@0,loud={1}@0", [ASTRAY, CONTRADICTS]),
+        ("offset={0}@0,loud={1}@0", [ASTRAY, NoLevel.TOO_STRONG]),
     ],
 )
 def test_who_lies_is_named_and_the_others_reach_the_target(faults: str, reasons: list[str]) -> None:

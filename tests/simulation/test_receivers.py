@@ -10,7 +10,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 
 from swarmchase.controllers import load_controller
 from swarmchase.levels import NoLevel
-from swarmchase.live.link.messages import TrackerMode
+from swarmchase.live.link.messages import Metres
 from swarmchase.live.service.chase_state import ChaseState
 from swarmchase.live.tracker.sources import Sample
 from swarmchase.live.tracker.vehicles import SimulatedVehicle
@@ -67,15 +67,14 @@ def test_a_wild_level_that_its_transmitter_could_give_is_dropped_and_counted() -
     assert len(decided) <= dropped[1][str(NoLevel.WILD)] <= 2 * (len(decided) + 1)
 
 
-class Adrift:
-    """A vehicle whose autopilot has lost its position."""
+class Adrift(SimulatedVehicle):
+    """Its autopilot has lost its position."""
 
-    def __init__(self, vehicle: SimulatedVehicle, bad: float) -> None:
-        self.position_m, self.velocity_mps, self.mode = (bad, 0.0, 0.0), vehicle.velocity_mps, TrackerMode.HOLDING
-        self.go_to, self.hold, self.close = vehicle.go_to, vehicle.hold, vehicle.close
+    bad = math.nan
 
-    def update(self, now_ns: int) -> None:
-        """The site does it."""
+    @property
+    def position_m(self) -> Metres:
+        return (self.bad, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -86,7 +85,9 @@ def test_a_tracker_that_does_not_know_where_it_is_is_left_behind(bad: float) -> 
         chase.tick()
     agent = chase.agents[2]
     assert agent is not None
-    agent._vehicle = Adrift(chase.site.vehicles[2], bad)
+    adrift = Adrift(chase.site.vehicles[2].position_m)
+    adrift.bad = bad
+    agent._vehicle = adrift
     result = chase.run()
     assert result.state == ChaseState.REACHED.value
     assert agent.ignored["impossible position"] > 0

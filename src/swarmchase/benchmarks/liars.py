@@ -43,7 +43,7 @@ class LiarsResult:
     chase: VirtualResult
     liars: tuple[int, ...]
     left_out: dict[int, str]
-    """Who was left out at any time, and why first."""
+    """Who was left out at any time, or had all samples dropped, and why first."""
     honest_separation_m: float
     """The least between two that do not lie, at any time;"""
     liar_separation_m: float | None
@@ -121,8 +121,9 @@ def fly(work: LiveWork, faults: str) -> LiarsResult:
 
     def watch(snapshot: Snapshot) -> None:
         for tracker, one in enumerate(snapshot.trackers):
-            if one.left_out:
-                left_out.setdefault(tracker, one.left_out)
+            reason = one.left_out or ", ".join(one.dropped if one.is_silent else ())
+            if reason:
+                left_out.setdefault(tracker, reason)
 
     controller = load_controller(work.controller, work.scenario)
     chase = VirtualChase(work.scenario, controller, work.seed, work.chase, plan, watch=watch)

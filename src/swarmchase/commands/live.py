@@ -22,7 +22,8 @@ STANDARD_INPUT = 0
 @dataclass(frozen=True, kw_only=True)
 class LiveCommand(ServiceOptions, ScenarioOptions):
     """Chase a simulated target with six tracker processes, a link that can fail, the controller service and its page,
-    in real time. Standard input takes the words of swarmchase serve: hold, resume, reached, abort, quit."""
+    in real time. Standard input takes the words of swarmchase serve: override, hold, resume, reached, abort,
+    quit."""
 
     controller: ListeningControllerName = LIVE_CONTROLLER
     seed: int = 0

@@ -30,8 +30,9 @@ STANDARD_INPUT = 0
 
 @dataclass(frozen=True, kw_only=True)
 class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
-    """Command real trackers until the target is reached. Standard input takes a word a line: start, hold, resume,
-    reached (you see the target), abort, quit. Ctrl-C aborts: trackers are told to hold."""
+    """Command real trackers until the target is reached. Standard input takes a word a line: start, override
+    (begin although the preflight has not passed), hold, resume, reached (you see the target), abort, quit. Ctrl-C
+    aborts: trackers are told to hold."""
 
     controller: ListeningControllerName = LIVE_CONTROLLER
     listen: str = "127.0.0.1:14550"

@@ -170,7 +170,7 @@ class LocalAgent:
         stride = self._settings.num_agents * self._settings.chases_per_agent
         state = progress.state
         known = (state.target_position_m, state.center_m, state.spacing_m, state.path_length_m, progress.memory)
-        if ((further < 0) | (further % stride != 0) | (progress.movements < 0)).any() or not all(
+        if ((progress.number < 0) | (further % stride != 0) | (progress.movements < 0)).any() or not all(
             part.isfinite().all() for part in (*known, progress.reward_m)
         ):
             raise InputError(f"resume state of {self._prefix} is not of its chases, or holds what is no number")
