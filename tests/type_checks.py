@@ -15,6 +15,8 @@ PLAIN = ["live", "simulation"]
 """Rooms without axes, whose loops run for minutes of a chase: a call checked for axes, too, costs ten times as much."""
 EXCEPTION = "swarmchase.simulation.radio"
 """It has some."""
+ARITHMETIC = "swarmchase.live.tracker.vehicles.simulated"
+"""Its calls on coordinates are many millions: mypy looks at them."""
 MOST_CALLS = 30
 """Of one function that are checked for axes in one test: in a loop the others are like these."""
 
@@ -34,7 +36,7 @@ def check_types() -> None:
     jaxtyping.jaxtyped = _at_first
     jaxtyping.install_import_hook(AXES, "beartype.beartype")
     for room in PLAIN:
-        configuration = BeartypeConf(claw_is_pep526=False, claw_skip_package_names=(EXCEPTION,))
+        configuration = BeartypeConf(claw_is_pep526=False, claw_skip_package_names=(EXCEPTION, ARITHMETIC))
         beartype_package(f"swarmchase.{room}", conf=configuration)
 
 

@@ -22,7 +22,7 @@ def test_over_a_real_hall_few_distant_places_are_called_reached(monkeypatch: pyt
     result = nearness.measure(HALL)
     assert (result["places"], result["emitters"]) == (81, 12)
     assert result["deviation_db"] == pytest.approx(4.5, abs=0.5)
-    assert result["no_levels_share"] == 0
+    assert result["no_levels_share"] <= 0.002, "what an emitter beside the place gives is more than the fitted one can"
     for row in result["called_reached"]:
         assert row["beyond 4 m"] <= 0.05
         assert row["beyond 7 m"] <= 0.01

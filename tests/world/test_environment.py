@@ -268,9 +268,11 @@ def test_turning_and_mirroring_the_axes_permutes_trackers_actions_and_rewards_an
     monkeypatch, world
 ):
     draw = ChaseStreams.of
-    monkeypatch.setattr(
-        ChaseStreams, "of", classmethod(lambda cls, keys, purpose: TurnedStreams.at(draw(keys, purpose).positions()))
-    )
+
+    def drawn(_cls, keys, purpose):
+        return TurnedStreams.at(draw(keys, purpose).positions(), len(keys))
+
+    monkeypatch.setattr(ChaseStreams, "of", classmethod(drawn))
     environment = Environment(paper_scenario(start_distance_m=12.0, **world))
     symmetries = torch.from_numpy(np.stack(SIGNED_PERMUTATIONS))
     trackers = torch.tensor([tracker_after(symmetry) for symmetry in SIGNED_PERMUTATIONS])

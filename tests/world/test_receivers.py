@@ -158,7 +158,7 @@ def test_a_batch_cut_joined_and_filed_goes_on_as_if_nothing_had_been(changes: di
     expected, found = (windows(scenario, 5, 1)[-1] for _ in range(2))
     found = join_chases(select_chases(found, [4, 2]), select_chases(found, [0, 1, 3]))
     tensors, positions = pack(found, "state")
-    found = unpack(environment.reset(chase_keys(99, 2)), "state", tensors, positions)
+    found = unpack(environment.reset(chase_keys(99, 5)), "state", tensors, positions)
     order = [4, 2, 0, 1, 3]
     choice = torch.tensor([0, 1, 2, 3])
     for _ in range(2):
