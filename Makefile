@@ -11,7 +11,7 @@ chase: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	@echo "== style" && $(BIN)/ruff format --check . && $(BIN)/ruff check .
 	@echo "== types" && $(BIN)/mypy
-	@echo "== tests" && $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+	@echo "== tests" && $(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
 
 $(VENV)/bin/python: | check-python
 	@echo "== making a virtual environment in $(VENV)/"

@@ -24,21 +24,26 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 AGAIN_S = 60.0
 """The time limit of a test strikes again after so long."""
 HERE = Path(__file__).parent
-PROCESSES = {
-    "cluster/test_training.py",
-    "cluster/test_evaluation.py",
-    "cluster/test_refusals.py",
-    "benchmarks/test_cluster.py",
-    "training/test_a3c_processes.py",
-    "simulation/test_live_chase.py",
-    "commands/test_live_commands.py",
-    "live/page/test_page.py",
-    "live/page/test_in_browser.py",
-    "benchmarks/test_kills.py",
-    "test_pictures.py",
-    "live/log/test_log.py",
+GROUPS = {
+    "ray": {
+        "cluster/test_training.py",
+        "cluster/test_evaluation.py",
+        "cluster/test_refusals.py",
+        "benchmarks/test_cluster.py",
+        "training/test_a3c_processes.py",
+    },
+    "live": {
+        "benchmarks/test_kills.py",
+        "commands/test_live_commands.py",
+        "live/log/test_log.py",
+        "live/page/test_in_browser.py",
+        "live/page/test_page.py",
+        "simulation/test_live_chase.py",
+        "test_pictures.py",
+    },
 }
-"""Real processes, a Ray cluster, or a browser, with limits of wall time: never two of them side by side."""
+"""A Ray cluster and other processes that train; live processes and a browser, with limits of wall time: never two of a
+group side by side. They wait a lot, so there is a worker more than there are cores."""
 LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.py", "training"}
 """Files and folders that take long: they begin early, so that no worker has one left when the other is done."""
 
@@ -60,7 +65,7 @@ def pytest_timeout_set_timer() -> Generator[None, Any, Any]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """``pytest -n 2 --dist loadfile``: a file stays with one worker; what has real processes, all with the same one.
+    """``pytest -n 3 --dist loadfile``: a file stays with one worker, and so does a group.
 
     Not by ``pytest.mark.xdist_group``, which pytest-xdist 3.8 under pytest 9.2 passes over without a word.
     """
@@ -83,9 +88,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _group(nodeid: str) -> str:
     file = nodeid.split("::", 1)[0].removeprefix("tests/")
-    return "processes" if file in PROCESSES else file
+    return next((name for name, files in GROUPS.items() if file in files), file)
 
 
 def _turn(item: pytest.Item) -> int:
     group = _group(item.nodeid)
-    return 0 if group == "processes" else 1 if group.split("/")[0] in LONG else 2
+    return 0 if group in GROUPS else 1 if group.split("/")[0] in LONG else 2

@@ -767,7 +767,7 @@ def test_a_chase_is_the_same_beside_one_that_began_long_before(name):
 
 @pytest.mark.parametrize("name", [*LISTENING, *NOT_LISTENING])
 def test_results_are_the_same_for_any_batch_size(name):
-    scenario = dataclasses.replace(SCENARIO, max_movements=60)
+    scenario = dataclasses.replace(SCENARIO, start_distance_m=20.0, max_movements=20)
     controller = load_controller(name, scenario)
     alone, filled = (
         sorted(run_chases(scenario, controller, 5, range(10), batch_size), key=lambda row: row.chase)
