@@ -52,6 +52,19 @@ if __name__ == "__main__":
     first.join()
     print(first.exitcode, flush=True)
 """
+HELPER = """
+import os, signal
+from multiprocessing import resource_tracker
+from swarmchase.processes.children import starting_children
+with starting_children():
+    pass
+helper = resource_tracker._resource_tracker._pid
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    os.kill(helper, number)
+os.close(resource_tracker._resource_tracker._fd)  # it ends with the last of these
+print(os.waitpid(helper, 0)[1], signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)
+os._exit(0)
+"""
 FOLDER = """
 import sys, time
 from swarmchase.processes.temporary_folder import temporary_folder
@@ -149,3 +162,10 @@ def test_a_temporary_folder_goes_with_a_killed_process(to_the_group: bool, tmp_p
         while list(tmp_path.iterdir()):
             assert time.monotonic() < deadline_s
             time.sleep(0.02)
+
+
+def test_a_signal_to_the_whole_group_does_not_end_pythons_helper() -> None:
+    """Without it the command that it helps would end with a traceback."""
+    words = [sys.executable, "-c", HELPER]
+    ran = subprocess.run(words, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "0 set()\n", "")

@@ -29,9 +29,11 @@ def starting_children() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    # Python's own helper would come with the first of them, and its start lets signals through again.
-    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    # Python's own helper would come with the first of them. Of itself it is deaf to two of the signals, and to the third
+    # because it begins with that held back; its start lets the two through again here.
+    resource_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         yield
     finally:
