@@ -91,7 +91,9 @@ def test_rejections_are_told_again_after_a_pause() -> None:
     assert shown.events.alarms == []
     shown.chase.network.controller.put(noise, ("stranger", 1))
     assert run_to(19.0) == once
-    assert [alarm.text for alarm in shown.events.alarms] == ["datagrams are rejected: malformed 1.0/s"]
+    assert [alarm.text for alarm in shown.events.alarms] == ["datagrams are rejected: malformed 0.1/s"], (
+        "one in ten seconds"
+    )
     assert run_to(61.0)[2] == "no datagram has been rejected for 10 s"
     assert re.fullmatch(r"rejected 6 more \(0\.1 a second\): malformed", run_to(61.0)[-1])
 

@@ -30,7 +30,7 @@ def starting_children() -> Iterator[None]:
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-    # Python's own helper would come with the first of them. Of itself it is deaf to two of the signals, and to the third
+    # Python's own helper would come with the first of them. It is deaf to two of the signals by itself, to the third
     # because it begins with that held back; its start lets the two through again here.
     resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
