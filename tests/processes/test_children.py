@@ -55,9 +55,8 @@ if __name__ == "__main__":
 HELPER = """
 import os, signal
 from multiprocessing import resource_tracker
-from swarmchase.processes.children import starting_children
-with starting_children():
-    pass
+from swarmchase.processes.children import start_helper
+start_helper()
 helper = resource_tracker._resource_tracker._pid
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
     os.kill(helper, number)

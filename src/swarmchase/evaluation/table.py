@@ -21,7 +21,7 @@ from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
 from ..controllers import ActionChoice, chosen_weights, load_controller, require_controller
 from ..errors import InputError, WorkerDiedError
-from ..processes.children import begin_child, starting_children
+from ..processes.children import begin_child, start_helper, starting_children
 from ..processes.stop_request import Interrupted
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
@@ -182,6 +182,7 @@ def _run(work: _Work, chases: range, processes: int) -> Iterator[ChaseResult | N
     if processes == 1:
         yield from work.run(chases)
         return
+    start_helper()
     context = multiprocessing.get_context("spawn")
     running: dict[connection.Connection, multiprocessing.process.BaseProcess] = {}
     try:

@@ -19,6 +19,16 @@ LOOK_S = 0.5
 """How often a process looks whether its parent lives, where the kernel does not."""
 
 
+def start_helper() -> None:
+    """Start the process that Python has beside whoever shares locks or queues with children; to be called before any is
+    made. It is deaf to SIGINT and SIGTERM of itself, and to SIGHUP only if it begins with that held back.
+    """
+    if hasattr(signal, "pthread_sigmask"):
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @contextlib.contextmanager
 def starting_children() -> Iterator[None]:
     """Processes of ``multiprocessing`` that start inside the block have signals held back until ``begin_child``, and so
@@ -29,11 +39,8 @@ def starting_children() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
+    start_helper()  # otherwise it would come with the first of them
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-    # Python's own helper would come with the first of them. It is deaf to two of the signals by itself, to the third
-    # because it begins with that held back; its start lets the two through again here.
-    resource_tracker.ensure_running()
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         yield
     finally:

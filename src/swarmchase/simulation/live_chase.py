@@ -22,7 +22,7 @@ from ..live.service.chase_state import ChaseState, Snapshot
 from ..live.service.loop import ServeSummary, Tell, Words
 from ..live.service.state_folder import next_epoch
 from ..live.session import Assignment, Session
-from ..processes.children import starting_children
+from ..processes.children import start_helper, starting_children
 from ..processes.stop_request import StopRequest
 from ..processes.temporary_folder import temporary_folder
 from ..scenario import Scenario
@@ -57,6 +57,7 @@ class StageProcess:
 
     def __init__(self, play: Play, request: StopRequest) -> None:
         self._request = request
+        start_helper()
         context = multiprocessing.get_context("spawn")
         self._connection, other_end = context.Pipe()
         self._process = context.Process(target=run_stage, args=(play, other_end), name="stage")

@@ -18,7 +18,7 @@ import torch
 
 from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
-from ..processes.children import begin_child, starting_children
+from ..processes.children import begin_child, start_helper, starting_children
 from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
@@ -80,6 +80,7 @@ def run_processes(run: TrainingRun) -> None:
         WorkerDiedError: an agent ended unexpectedly.
     """
     settings = run.settings
+    start_helper()
     context: Any = torch.multiprocessing.get_context("spawn")
     channels = _Channels(
         lock=context.Lock(),
