@@ -27,4 +27,8 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.parametrize("link", re.findall(r"\]\(([^)]+)\)", README.read_text(encoding="utf-8")))
 def test_links_lead_somewhere(link: str) -> None:
-    assert (README.parent / link).exists()
+    file, _, anchor = link.partition("#")
+    assert (README.parent / file).exists()
+    if anchor:
+        headings = re.findall(r"^#+ (.*)$", (README.parent / file).read_text(encoding="utf-8"), re.MULTILINE)
+        assert anchor in {heading.lower().replace(" ", "-") for heading in headings}
