@@ -21,7 +21,7 @@ from swarmchase.live.service.safety import (
     formation_m,
     is_clear,
 )
-from swarmchase.live.service.separation import BRAKING_MPS2, REACTION_S, Traffic, Ways, stopping_m
+from swarmchase.live.service.separation import BRAKING_MPS2, REACTION_S, Traffic, stopping_m
 from swarmchase.live.service.set_point_stream import LEAD_S, LONGEST_STEP_S, SetPointStream
 
 CHOICES_M = (1.0, 2.0, 3.0, 4.0, 5.0)
@@ -71,7 +71,9 @@ def traffic(position_m: np.ndarray, obstacles_m: np.ndarray = NONE, velocity_mps
     """Vehicles in these places; the obstacles, of which there are no more than those without a place, stand still."""
     position_m = position_m.copy()
     position_m[np.flatnonzero(np.isnan(position_m).any(axis=1))[: len(obstacles_m)]] = obstacles_m
-    return Traffic(position_m, np.zeros((6, 3)) if velocity_mps is None else velocity_mps, position_m)
+    return Traffic(
+        position_m, np.zeros((6, 3)) if velocity_mps is None else velocity_mps, position_m, np.full((6, 3), np.nan)
+    )
 
 
 def test_the_formation_is_that_of_the_simulator() -> None:
@@ -377,7 +379,7 @@ def test_whatever_legs_it_is_given_the_stream_keeps_to_the_limits(legs: list[lis
 
 def moving_traffic(position_m: np.ndarray, velocity_mps: np.ndarray) -> Traffic:
     """Who is not commanded comes to rest where it can stop."""
-    return Traffic(position_m, velocity_mps, position_m + stopping_m(velocity_mps))
+    return Traffic(position_m, velocity_mps, position_m + stopping_m(velocity_mps), np.full((6, 3), np.nan))
 
 
 def two(one_m: np.ndarray, other_m: np.ndarray) -> np.ndarray:
@@ -394,7 +396,7 @@ def test_ways_against_many_points_of_both(ends: tuple[tuple[float, ...], ...]) -
     share = np.linspace(0, 1, 401)[:, None]
     points_m, others_m = one_m + share * (one_end_m - one_m), other_m + share * (other_end_m - other_m)
     by_hand_m = np.linalg.norm(points_m[:, None] - others_m[None], axis=2).min()
-    ways = Ways(two(one_m, other_m), two(one_end_m, other_end_m), np.zeros(6))
+    ways = traffic(two(one_m, other_m)).ways(two(one_end_m, other_end_m))
     apart_m = ways.apart_m()
     assert by_hand_m - 28 / 400 <= apart_m[0] <= by_hand_m + TINY_M
     assert np.isinf(apart_m[1:]).all()
@@ -442,6 +444,29 @@ def test_what_a_vehicle_flies_beside_its_way_counts() -> None:
     velocity_mps[0], velocity_mps[1] = at(3, 2, 0), at(-1, 0, 0)
     ways = moving_traffic(two(at(0, 0, 0), at(0, 9, 0)), velocity_mps).ways(two(at(5, 0, 0), at(5, 9, 0)))
     assert ways.stray_m[:2] == pytest.approx([2**2 / (2 * BRAKING_MPS2), 1 / (2 * BRAKING_MPS2)])
+
+
+@pytest.mark.parametrize(
+    ("instead_m", "flown_m"),
+    [
+        pytest.param(at(math.nan, math.nan, math.nan), 3.0, id="believed"),
+        pytest.param(at(9, 0, 0), 3.0, id="stands far off"),
+        pytest.param(at(3, 0.5, 0), 2.13, id="stands beside the way: sqrt(.75) m before it"),
+    ],
+)
+def test_one_that_may_stand_elsewhere_is_in_the_way_there_and_not_between(
+    instead_m: np.ndarray, flown_m: float
+) -> None:
+    """Tracker 1 says that it is 1 km beyond; the way between that and the other place crosses that of tracker 0."""
+    stream = SetPointStream(LIMITS)
+    stream.hold(0, at(0, 0, 0))
+    stream.fly((two(at(3, 0, 0), at(math.nan, math.nan, math.nan)),))
+    says_m = two(at(0, 0, 0), at(1.5, 1000, 0))
+    nowhere_m = np.full((6, 3), math.nan)
+    for _ in range(100):
+        says_m[0] = stream.set_point_m[0]
+        stream.advance(0.05, Traffic(says_m, np.zeros((6, 3)), says_m, two(nowhere_m[0], instead_m)))
+    assert stream.set_point_m[0, 0] == pytest.approx(flown_m, abs=0.04)
 
 
 def test_at_a_corner_the_stream_waits_to_be_told() -> None:

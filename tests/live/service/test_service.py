@@ -296,6 +296,12 @@ def test_a_lost_tracker_that_comes_back_with_another_origin_is_left_behind() -> 
     left_out = bench.service.snapshot().trackers[4].left_out
     assert left_out == "it says that it is 1000.0 m from where it was, further than it can have flown"
     assert HOLDING not in {state for state, _ in bench.transitions()}
+    # It stands where it was seen last, or where it says, and on none of the thousand metres between.
+    obstacles_m = bench.service._swarm.obstacles_m()
+    said_m = away.position_m + np.array([1000.0, 0.0, 0.0])
+    off_m = np.linalg.norm(obstacles_m[:, None] - np.array([away.position_m, said_m]), axis=2)
+    assert off_m.min(axis=0) == pytest.approx([0, 0], abs=0.5)
+    assert off_m.min(axis=1).max() < 0.5
 
 
 def test_a_tracker_flown_by_its_pilot_is_let_go_and_the_others_go_on() -> None:

@@ -29,7 +29,9 @@ MARGIN_M = 2 * POSITION_ERROR_M + STRAYING_M
 ROUNDING_M = 1e-9
 """Distances are compared with so much tolerance, lest rounding stops a flight."""
 
-_ONE, _OTHER = np.triu_indices(NUM_TRACKERS, 1)
+_VEHICLE = np.tile(np.arange(NUM_TRACKERS), 2)
+"""Whose way it is: first where each says that it is, then where it may be instead."""
+_ONE, _OTHER = np.argwhere(np.triu(_VEHICLE[:, None] != _VEHICLE[None])).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +44,30 @@ class Traffic:
     """How fast it was there [tracker, 3]."""
     stop_m: Points
     """Where it comes to rest at the latest if it is not commanded [tracker, 3]."""
+    instead_m: Points
+    """Where it may stand instead, if what it says of itself is wrong [tracker, 3]; NaN where it is believed."""
 
     def ways(self, set_point_m: Points) -> "Ways":
         """Where each may be until it hears something new, told these set-points [tracker, 3], NaN for none."""
         end_m = np.where(np.isfinite(set_point_m), set_point_m, self.stop_m)
-        return Ways(self.position_m, end_m, _stray_m(end_m - self.position_m, self.velocity_mps))
+        stray_m = _stray_m(end_m - self.position_m, self.velocity_mps)
+        return Ways(
+            np.concatenate([self.position_m, self.instead_m]),
+            np.concatenate([end_m, self.instead_m]),
+            np.concatenate([stray_m, np.zeros(NUM_TRACKERS)]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """One of each vehicle, or NaN."""
+    """One of each vehicle, then one of each where it may be instead; NaN for none."""
 
     start_m: Points
-    """[tracker, 3]"""
+    """[way, 3]"""
     end_m: Points
-    """[tracker, 3]"""
+    """[way, 3]"""
     stray_m: Levels
-    """How far from it the vehicle may get, since it does not yet fly along it [tracker]."""
+    """How far from it the vehicle may get, since it does not yet fly along it [way]."""
 
     def apart_m(self) -> Levels:
         """The least distance of each two [pair]; infinite where one is not known."""
@@ -95,8 +104,8 @@ class Ways:
         apart_m = self.apart_m()
         now_m = np.linalg.norm(self.start_m[_ONE] - self.start_m[_OTHER], axis=1)
         pairs = (apart_m < separation_m) & (apart_m < now_m - ROUNDING_M)
-        found = np.zeros(len(self.start_m), dtype=np.bool_)
-        found[_ONE[pairs]] = found[_OTHER[pairs]] = True
+        found = np.zeros(NUM_TRACKERS, dtype=np.bool_)
+        found[_VEHICLE[_ONE[pairs]]] = found[_VEHICLE[_OTHER[pairs]]] = True
         return found
 
 

@@ -122,31 +122,38 @@ class Swarm:
         """What is known of all vehicles, commanded or not."""
         position_m = self.positions_m()
         velocity_mps = np.stack([record.velocity_mps for record in self._records])
-        return Traffic(position_m, velocity_mps, self._stop_m(position_m, velocity_mps))
+        stop_m, instead_m = self._stop_m(position_m, velocity_mps)
+        return Traffic(position_m, velocity_mps, stop_m, instead_m)
 
-    def _stop_m(self, seen_m: Points, velocity_mps: Points) -> Points:
-        """Where those come to rest that are not commanded [tracker, 3].
+    def _stop_m(self, seen_m: Points, velocity_mps: Points) -> tuple[Points, Points]:
+        """Where those come to rest that are not commanded, and where they may stand instead, NaN for nowhere else
+        [tracker, 3].
 
-        One that is lost flew to its last set-point, and one that was left behind may be there at any time, whatever it
-        says; whoever else is seen is where it can stop, but at first, whichever is further, may still fly to its last
-        set-point, too.
+        One that is lost flew to its last set-point. Whoever else is seen is where it can stop, but at first, whichever
+        is further, may still fly to its last set-point, too. One that was left behind may stand at either end, whatever
+        it says, and later nowhere between: that it flies from the one to the other would show in what it says.
         """
         stops_m = stopping_m(velocity_mps)
+        age_s = np.array([record.position_age_s(self._now_ns) for record in self._records])
         is_lost = np.array([record.is_lost(self._now_ns) for record in self._records])
-        may_be_anywhere = is_lost | ~self._reliability.may_be_commanded
-        still_obeys = self._now_ns - np.array(self._released_ns) < STILL_OBEYS_S * 1e9
+        is_behind = ~self._reliability.may_be_commanded
+        still_obeyed = (self._now_ns - np.array(self._released_ns)) / 1e9 - age_s < STILL_OBEYS_S
         is_further = np.linalg.norm(self._left_m - seen_m, axis=1) > np.linalg.norm(stops_m, axis=1)
-        flies_there = np.isfinite(self._left_m).all(axis=1) & (may_be_anywhere | (still_obeys & is_further))
-        return np.where(flies_there[:, None], self._left_m, seen_m + stops_m)
+        was_told = np.isfinite(self._left_m).all(axis=1)
+        flies_there = was_told & ((is_lost & ~is_behind) | (still_obeyed & is_further))
+        return (
+            np.where(flies_there[:, None], self._left_m, seen_m + stops_m),
+            np.where((was_told & is_behind)[:, None], self._left_m, np.nan),
+        )
 
     def obstacles_m(self) -> Points:
         """Where those may be that are not commanded [obstacle, 3]: anywhere from where they were last seen to where
-        they come to rest.
+        they come to rest, or where they may stand instead.
         """
         traffic = self.traffic()
         places_m = np.linspace(traffic.position_m, traffic.stop_m, PLACES_OF_A_RELEASED_TRACKER)
-        between_m = places_m[:, ~self.stream.commanded].reshape(-1, 3)
-        return np.asarray(between_m[np.isfinite(between_m).all(axis=1)])
+        may_be_m = np.concatenate([places_m, traffic.instead_m[None]])[:, ~self.stream.commanded].reshape(-1, 3)
+        return np.asarray(may_be_m[np.isfinite(may_be_m).all(axis=1)])
 
     def formation_estimate(self) -> FormationEstimate:
         """The formation next to where most of those that are there say that they are."""
