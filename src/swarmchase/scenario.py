@@ -18,7 +18,8 @@ from .reading import Bounds, read_toml
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
 LosPhase = Literal["common", "independent"]
-Continuity = Literal["independent", "continuous"]
+Continuity = Literal["independent", "continuous", "in_flight"]
+Pace = Literal["stop_and_listen", "listen_in_flight"]
 
 NUM_TRACKERS = 6
 """Two on each of three axes (Section II.A). It is geometry, not a setting."""
@@ -37,6 +38,12 @@ def doppler_spread_from_speed_hz(relative_speed_mps: float, carrier_frequency_hz
 
 def _constant(default: Any, allowed: Any, symbol: str, source: str, meaning: str) -> Any:
     return field(default=default, metadata={"allowed": allowed, "symbol": symbol, "source": source, "help": meaning})
+
+
+def _departure(default: Any, allowed: Any, source: str, meaning: str) -> Any:
+    """A field that the paper's world does not have: its default is the paper's world, and is not written to files."""
+    about = {"allowed": allowed, "symbol": "-", "source": source, "help": meaning, "departs_from_paper": True}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +87,7 @@ class Scenario:
         get_args(Continuity),
         "-",
         "choice",
-        "Fading from one window to the next: drawn anew, or one running process.",
+        "Fading from one window to the next: drawn anew, one running process, or one that runs as fast as they fly.",
     )
     start_distance_m: float = _constant(
         100.0, POSITIVE, "|O_0 - U|", "Section IV", "Distance of the target at the start."
@@ -111,6 +118,88 @@ class Scenario:
     )
     tracker_speed_mps: float = _constant(5.0, POSITIVE, "v", "Section IV", "Speed of the swarm between two windows.")
 
+    # What the paper's world does not have. Off, or as in the paper, unless a scenario says otherwise.
+
+    pace: Pace = _departure(  # noqa: RUF009
+        "stop_and_listen", get_args(Pace), "choice", "Trackers hear a window after they have arrived, or on their way."
+    )
+    decision_s: float = _departure(
+        0.5, Range(0.01, 60.0), "motion prototype", "Time between two decisions of trackers that listen on their way."
+    )
+    tracker_acceleration_mps2: float | None = _departure(
+        None, POSITIVE, "choice", "Most that the swarm's velocity changes in a second; None for at once."
+    )
+    carrier_hz: float = _departure(3e9, POSITIVE, "Section II.C", "Carrier frequency: Doppler of what flies.")
+    behaviour: str = _departure("hover", None, "choice", "What the target does; world/behaviours has a file of each.")
+    target_speed_mps: float = _departure(0.0, Range(0.0, 100.0), "choice", "Speed of a target that flies.")
+    target_acceleration_mps2: float = _departure(
+        4.0, POSITIVE, "motion prototype", "Most that the target's velocity changes in a second."
+    )
+    alert_distance_m: float | None = _departure(
+        None, POSITIVE, "choice", "From here on the target notices the swarm; None for always."
+    )
+    farthest_start_m: float | None = _departure(
+        None, POSITIVE, "choice", "The start is drawn between start_distance_m and this; None for start_distance_m."
+    )
+    highest_elevation_deg: float = _departure(
+        90.0, Range(0.0, 90.0), "choice", "The target starts at most so far above or below the swarm's horizon."
+    )
+    start_altitude_m: float = _departure(
+        50.0, FINITE, "motion prototype", "Altitude of the swarm's centre at the start."
+    )
+    lowest_altitude_m: float | None = _departure(
+        None, FINITE, "choice", "The target flies no lower; None for no limit."
+    )
+    highest_altitude_m: float | None = _departure(
+        None, FINITE, "choice", "The target flies no higher; None for no limit."
+    )
+    transmit_power_error_db: float = _departure(
+        0.0, Range(0.0, 100.0), "choice", "The transmit power is off by a constant, drawn from plus or minus this."
+    )
+    path_loss_exponent_error: float = _departure(
+        0.0, Range(0.0, 10.0), "choice", "The exponent is off by a constant, drawn from plus or minus this."
+    )
+    shadowing_db: float = _departure(
+        0.0, Range(0.0, 40.0), "Gudmundson 1991", "Standard deviation of log-normal shadowing."
+    )
+    shadowing_distance_m: float = _departure(
+        20.0, POSITIVE, "Gudmundson 1991", "Its correlation falls to 1 / e over this distance."
+    )
+    shadowing_common_share: float = _departure(
+        0.5, SHARE, "choice", "Share of its variance that all trackers have in common: what surrounds the target."
+    )
+    ground_reflection: float = _departure(
+        0.0, SHARE, "two-ray model", "Amplitude of the ray that the ground reflects over that of the direct one."
+    )
+    transmit_duty: float = _departure(
+        1.0,
+        Range(0.0, 1.0, low_is_allowed=False),
+        "choice",
+        "Share of the time in which the target transmits, in frames.",
+    )
+    frame_s: float = _departure(0.2, POSITIVE, "choice", "Mean length of a frame of a target that transmits in frames.")
+    silence_s: float = _departure(0.0, Range(0.0, 3600.0), "choice", "Length of the target's long silences.")
+    between_silences_s: float = _departure(60.0, POSITIVE, "choice", "Mean time from one long silence to the next.")
+    missing_burst_s: float = _departure(
+        0.0, Range(0.0, 3600.0), "choice", "Mean length of the gaps that missing samples come in; 0 for one by one."
+    )
+    receiver_step_db: float = _departure(0.0, Range(0.0, 20.0), "field recordings", "Steps in which receivers report.")
+    receiver_floor_dbm: float | None = _departure(
+        None, FINITE, "field recordings", "Receivers report nothing that is weaker; None for no floor."
+    )
+    receiver_ceiling_dbm: float | None = _departure(
+        None, FINITE, "field recordings", "Receivers report nothing higher than this: saturation; None for none."
+    )
+    wrong_trackers: int = _departure(
+        0, Range(0.0, float(NUM_TRACKERS)), "field recordings", "Trackers, drawn for each chase, that are off by 20 dB."
+    )
+    stuck_trackers: int = _departure(
+        0, Range(0.0, float(NUM_TRACKERS)), "field recordings", "Trackers, drawn for each chase, whose level stays."
+    )
+    garbage_share: float = _departure(
+        0.0, SHARE, "field recordings", "Share of the samples that are the error values of real receivers."
+    )
+
     def __post_init__(self) -> None:
         for constant in dataclasses.fields(self):
             value = _checked(constant, getattr(self, constant.name))
@@ -122,9 +211,14 @@ class Scenario:
         return self.window_samples / self.sampling_hz
 
     def to_dict(self) -> dict[str, Any]:
-        """Every field as JSON and TOML can hold it."""
+        """The fields as JSON and TOML can hold them; of those that the paper's world does not have, what departs from
+        it.
+        """
         return {
-            name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
+            constant.name: list(value) if isinstance(value, tuple) else value
+            for constant in dataclasses.fields(self)
+            if (value := getattr(self, constant.name)) != constant.default
+            or "departs_from_paper" not in constant.metadata
         }
 
     @classmethod
@@ -164,6 +258,12 @@ def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
     """The value in its field's own type, or a refusal with name, value and range."""
     allowed = constant.metadata["allowed"]
     value = tuple(value) if isinstance(value, list) else value
+    if value is None and constant.default is None:
+        return None
+    if allowed is None:
+        if not isinstance(value, str):
+            raise InputError(f"{constant.name} = {shown(value)} is refused: allowed is a name")
+        return value
     if isinstance(allowed, Range):
         if isinstance(constant.default, tuple):
             if not isinstance(value, tuple) or not 0 < len(value) <= MOST_CHOICES:
