@@ -11,7 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmchase.errors import InputError
-from swarmchase.scenario import SPEED_OF_LIGHT_MPS, Scenario, doppler_spread_from_speed_hz, paper_scenario
+from swarmchase.scenario import (
+    SPEED_OF_LIGHT_MPS,
+    Scenario,
+    doppler_spread_from_speed_hz,
+    load_scenario,
+    paper_scenario,
+)
 
 TABLE_I = {
     "transmit_power_dbm": 23.0,
@@ -236,3 +242,30 @@ def test_a_refused_write_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: 
         paper_scenario(sampling_hz=100).save_toml(path)
     assert Scenario.load_toml(path).sampling_hz == 20
     assert [file.name for file in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+# What is shipped
+
+
+def test_the_shipped_scenario_of_the_paper_is_table_one() -> None:
+    assert load_scenario("paper") == paper_scenario()
+
+
+def test_each_shipped_scenario_has_what_the_one_before_has_and_more() -> None:
+    paper = paper_scenario()
+    departs = [
+        {(name, value) for name, value in vars(load_scenario(shipped)).items() if value != getattr(paper, name)}
+        for shipped in NUMBERS_OF
+    ]
+    for (name, number), found in zip(NUMBERS_OF.items(), departs, strict=True):
+        assert len(found) == number, name
+    assert departs[1] < departs[2] < departs[3]
+
+
+NUMBERS_OF = {"paper": 0, "flight": 12, "field": 18, "rough": 22}
+"""Fields that depart from the paper's world."""
+
+
+def test_a_scenario_nobody_knows_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"^no scenario 'fligth'; shipped are paper, flight, field, rough, any other"):
+        load_scenario("fligth")

@@ -30,6 +30,9 @@ MOST_CHOICES = 1_000
 FILE_BOUNDS = Bounds(most_bytes=64 * 1024, most_values=10_000, is_finite=False)
 """Of a scenario's TOML file. The ranges refuse what is not finite, by the field's name."""
 
+SHIPPED_SCENARIOS = ("paper", "flight", "field", "rough")
+"""Each a TOML file in ``scenarios/``; each but the first has what the one before has, and more."""
+
 
 def doppler_spread_from_speed_hz(relative_speed_mps: float, carrier_frequency_hz: float) -> float:
     """Eq. (5), f_d = v / c * f_c: 0.1 m/s at 3 GHz gives the 1 Hz of Table I."""
@@ -247,6 +250,21 @@ class Scenario:
             InputError: no such file, not TOML, or a field that is refused.
         """
         return cls.from_dict(read_toml(path, "scenario", FILE_BOUNDS))
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A shipped scenario by its name, or that of a TOML file.
+
+    Raises:
+        InputError: neither is there, or the file is refused.
+    """
+    if name_or_path in SHIPPED_SCENARIOS:
+        return Scenario.load_toml(Path(__file__).parent / "scenarios" / f"{name_or_path}.toml")
+    path = Path(name_or_path)
+    if not path.exists() and not path.suffix:
+        names = ", ".join(SHIPPED_SCENARIOS)
+        raise InputError(f"no scenario {shown(str(name_or_path))}; shipped are {names}, any other is a TOML file")
+    return Scenario.load_toml(path)
 
 
 def paper_scenario(**changes: Any) -> Scenario:

@@ -42,7 +42,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def words(place: Path, **options: Any) -> list[str]:
     NEAR.save_toml(place / "near.toml")
-    given = {"scenario-file": place / "near.toml", "episodes": 20, "seed": 3, **options}
+    given = {"scenario": place / "near.toml", "episodes": 20, "seed": 3, **options}
     return [word for name, value in given.items() for word in (f"--{name}", str(value))]
 
 

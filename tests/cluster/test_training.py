@@ -78,7 +78,7 @@ def test_ctrl_c_stops_the_command_and_its_cluster_cleanly(tmp_path: Path) -> Non
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
     program = [str(Path(sys.executable).with_name("swarmchase")), "train", "a3c", *words]
     process = subprocess.Popen(
-        [*program, "--scenario-file", str(tmp_path / "world.toml")],
+        [*program, "--scenario", str(tmp_path / "world.toml")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -161,7 +161,7 @@ def test_evaluate_reads_a_scenario_file_writes_a_table_and_takes_weights(
 ) -> None:
     save_weights(folder / "fresh.safetensors", SwarmNetworks(torch.Generator().manual_seed(1)), {})
     (folder / "near.toml").write_text("start_distance_m = 8\nmax_movements = 4\nsampling_hz = 20\n")
-    words = "evaluate --controller fresh.safetensors --scenario-file near.toml --sampling-hz 100 --episodes 9 --json"
+    words = "evaluate --controller fresh.safetensors --scenario near.toml --sampling-hz 100 --episodes 9 --json"
     main([*words.split(), "--table", "tables/chases.parquet"])
     document = json.loads(capsys.readouterr().out)
     assert (document["sampling_hz"], document["controller"]) == (100.0, "fresh.safetensors")  # the option wins
@@ -228,10 +228,10 @@ EVALUATE = "evaluate --controller random --episodes 2"
         ("evaluate --controller folder", "no controller 'folder'"),
         ("evaluate --controller folder.safetensors", "cannot read weights file folder.safetensors"),
         ("evaluate --controller file.txt", "weights file file.txt is damaged"),
-        (f"{EVALUATE} --scenario-file gone.toml", "cannot read scenario gone.toml"),
-        (f"{EVALUATE} --scenario-file file.txt", "cannot read scenario file.txt"),
-        (f"{EVALUATE} --scenario-file folder", "cannot read scenario folder"),
-        (f"{EVALUATE} --scenario-file other.toml", "scenario has no field 'speed'"),
+        (f"{EVALUATE} --scenario gone.toml", "cannot read scenario gone.toml"),
+        (f"{EVALUATE} --scenario file.txt", "cannot read scenario file.txt"),
+        (f"{EVALUATE} --scenario folder", "cannot read scenario folder"),
+        (f"{EVALUATE} --scenario other.toml", "scenario has no field 'speed'"),
         # tyro's own
         ("", "Expected one of {chase, evaluate"),
         ("fly", "no command 'fly'; there are chase, evaluate"),
@@ -282,7 +282,7 @@ def test_refusals_are_one_line_for_a_script_too(tmp_path: Path, encoding: str) -
 @pytest.mark.parametrize("full", ["table", "standard output"])
 def test_a_full_disk_is_one_line_and_costs_nothing_else(full: str, tmp_path: Path) -> None:
     """What was found out is in the other place."""
-    words = ["evaluate", "--controller", "random", "--episodes", "1", "--scenario-file", "short.toml", "--json"]
+    words = ["evaluate", "--controller", "random", "--episodes", "1", "--scenario", "short.toml", "--json"]
     words += ["--table", "table.parquet"]
     (tmp_path / "short.toml").write_text("max_movements = 1\n")
     program = (
@@ -320,7 +320,7 @@ def test_a_terminal_that_has_gone_costs_nobody_the_result(tmp_path: Path) -> Non
     (tmp_path / "short.toml").write_text("max_movements = 1\n")
     reader, writer = os.pipe()
     os.close(reader)
-    words = ["evaluate", "--controller", "random", "--episodes", "3", "--scenario-file", "short.toml", "--json"]
+    words = ["evaluate", "--controller", "random", "--episodes", "3", "--scenario", "short.toml", "--json"]
     try:
         ran = run(*words, folder=tmp_path, capture_output=False, stdout=subprocess.PIPE, stderr=writer)
     finally:

@@ -20,7 +20,7 @@ CAN_MOUNT = (
 )
 
 WORLD = "start_distance_m = 8.0\nmax_movements = 2\nwindow_samples = 50\n"
-SHORT = "--scenario-file ../short.toml"
+SHORT = "--scenario ../short.toml"
 COMMANDS = {
     "evaluate": f"evaluate --controller random --episodes 3 {SHORT} --table table.parquet --json",
     "chase": f"chase --controller random {SHORT} --folder . --json",

@@ -163,7 +163,7 @@ class Site:
     def serve(self, *words: str, scenario: str = SHORT_WINDOWS) -> Process:
         (self.folder / "scenario.toml").write_text(scenario)
         options = f"--controller gradient --listen 127.0.0.1:{self.port} --keys {self.keys} --json".split()
-        options += ["--scenario-file", str(self.folder / "scenario.toml"), "--state-folder", str(self.folder / "state")]
+        options += ["--scenario", str(self.folder / "scenario.toml"), "--state-folder", str(self.folder / "state")]
         process = Process("serve", *options, *words)
         self._to_close.append(process)
         return process

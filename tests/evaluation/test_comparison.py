@@ -250,7 +250,7 @@ def test_the_command_leaves_table_report_figures_and_one_json_list(
     NEAR.save_toml(tmp_path / "near.toml")
     folder = tmp_path / "out"
     words = ["compare", "--controllers", "gradient", "random", "--sampling-hz", "20", "100", "--episodes", "2"]
-    words += ["--spatial-correlation", "0.5", "--scenario-file", str(tmp_path / "near.toml"), "--processes", "1"]
+    words += ["--spatial-correlation", "0.5", "--scenario", str(tmp_path / "near.toml"), "--processes", "1"]
     words += ["--seed", "4", "--folder", str(folder), "--json", *(["--departures"] if departures else [])]
     main(words)
     output = capsys.readouterr()

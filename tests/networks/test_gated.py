@@ -272,7 +272,7 @@ def test_it_learns(tmp_path, capsys):
     """From 12 m away, ten seconds of training: new networks reach next to nothing, trained ones nearly all."""
     world = paper_scenario(start_distance_m=12.0, max_movements=30)
     world.save_toml(tmp_path / "world.toml")
-    words = ["train", "batched", "--preset", "gated", "--scenario-file", str(tmp_path / "world.toml")]
+    words = ["train", "batched", "--preset", "gated", "--scenario", str(tmp_path / "world.toml")]
     words += ["--folder", str(tmp_path / "run"), "--updates", "150", "--chases-per-agent", "64", "--threads", "1"]
     main([*words, "--evaluation-interval", "1", "--evaluation-chases", "50", "--evaluation-interval", "75"])
     first, *_, last = read_log(tmp_path / "run", "evaluation")

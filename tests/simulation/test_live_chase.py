@@ -37,7 +37,7 @@ class Live:
         self.temporary = folder / "tmp"
         self.temporary.mkdir()
         (folder / "scenario.toml").write_text(scenario)
-        options = ["--headless", "--scenario-file", "scenario.toml", "--log", "chase.mcap", "--json"]
+        options = ["--headless", "--scenario", "scenario.toml", "--log", "chase.mcap", "--json"]
         self._told = open(folder / "told.txt", "wb")  # noqa: SIM115
         self.popen = subprocess.Popen(
             [sys.executable, "-m", "swarmchase", "live", *options, *words],

@@ -260,7 +260,7 @@ def command(tmp_path):
     """The command line that says WORLD and SETTINGS."""
     WORLD.save_toml(tmp_path / "world.toml")
     options = {
-        "scenario-file": tmp_path / "world.toml",
+        "scenario": tmp_path / "world.toml",
         "schedule": "deterministic",
         "learning-rate": SETTINGS.learning_rate,
         "agents": SETTINGS.num_agents,

@@ -49,7 +49,7 @@ def command(folder, **changes):
     WORLD.save_toml(folder.with_suffix(".toml"))
     options = {
         "folder": folder,
-        "scenario-file": folder.with_suffix(".toml"),
+        "scenario": folder.with_suffix(".toml"),
         "schedule": "processes",
         "learning-rate": SETTINGS.learning_rate,
         "agents": 1,

@@ -152,7 +152,7 @@ def one_kill(kill: Kill, folder: Path) -> Outcome:
     scenario = NEAR.format(distance_m=100 if is_live else 20, movements=500 if is_live else 20)
     (folder / "scenario.toml").write_text(scenario)
     mark = secrets.token_hex(8)
-    words = [*WORDS[kill.command].split(), "--scenario-file", "scenario.toml", "--json"]
+    words = [*WORDS[kill.command].split(), "--scenario", "scenario.toml", "--json"]
     with open(folder / "printed.txt", "wb") as printed, open(folder / "told.txt", "wb") as told:
         process = subprocess.Popen(
             child_command(words),

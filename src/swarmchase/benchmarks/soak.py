@@ -45,7 +45,7 @@ def measure(scenario: Scenario, controller: str, seconds: float, faults: str, wa
         raise InputError("there is no /proc here to read the memory of processes from")
     with temporary_folder("swarmchase-soak-") as folder:
         scenario.save_toml(folder / "scenario.toml")
-        words = ["live", "--scenario-file", "scenario.toml", "--controller", controller, "--reached-windows", "0"]
+        words = ["live", "--scenario", "scenario.toml", "--controller", controller, "--reached-windows", "0"]
         words += ["--page", "127.0.0.1:0", "--log", "soak.mcap", "--faults", faults, "--json"]
         with open(folder / "told.txt", "wb") as told:
             process = subprocess.Popen(

@@ -9,7 +9,7 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from ..scenario import Scenario
-from .options import ClusterOptions, ScenarioOptions
+from .options import ClusterOptions, SettingsOptions
 from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
 
 if TYPE_CHECKING:
@@ -20,17 +20,11 @@ DEFAULT_CONTROLLERS = ("recurrent", "robust", "particle", "multilateration", "gr
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareCommand(ClusterOptions):
+class CompareCommand(SettingsOptions, ClusterOptions):
     """Run any controllers through the same chases, in one or several settings. Interrupted, it goes on where it was."""
 
     controllers: tuple[str, ...] = DEFAULT_CONTROLLERS
     """Names or paths of weights files; differences are from the first."""
-    sampling_hz: tuple[float, ...] = ()
-    """F, RSSI samples a second (default 10)."""
-    spatial_correlation: tuple[float, ...] = ()
-    """rho, correlation between trackers (default 0.9); with several of both, every pair."""
-    scenario_file: Path | None = None
-    """A TOML file with any other fields of the scenario; what it does not name is Table I."""
     paper_settings: bool = False
     """The twelve settings of the paper."""
     departures: bool = False
@@ -79,14 +73,9 @@ class CompareCommand(ClusterOptions):
 
         if self.paper_settings and (self.sampling_hz or self.spatial_correlation):
             raise InputError("--paper-settings are twelve: give them, or --sampling-hz and --spatial-correlation")
-        correlations = tuple(reversed(SPATIAL_CORRELATION)) if self.paper_settings else self.spatial_correlation
-        return [
-            ScenarioOptions(
-                sampling_hz=sampling_hz, spatial_correlation=correlation, scenario_file=self.scenario_file
-            ).scenario()
-            for correlation in correlations or (None,)
-            for sampling_hz in (SAMPLING_HZ if self.paper_settings else self.sampling_hz) or (None,)
-        ]
+        if self.paper_settings:
+            return self._of_settings(SAMPLING_HZ, tuple(reversed(SPATIAL_CORRELATION)))
+        return self.scenarios()
 
     def _decision_ms(self) -> dict[tuple[str, str], tuple[float, float]]:
         from ..controllers.shipped import setting_name

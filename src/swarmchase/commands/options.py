@@ -1,9 +1,10 @@
 """Options that several commands share."""
 
 import contextlib
+import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ from tyro.conf import arg
 from ..errors import InputError
 from ..files import require_writable_folder
 from ..live.service.settings import OperatorSettings, ServiceSettings
-from ..scenario import Scenario
+from ..scenario import SHIPPED_SCENARIOS, Scenario, load_scenario
 from .terminal import warn
 
 if TYPE_CHECKING:
@@ -51,16 +52,53 @@ ListeningControllerName = Annotated[str, arg(help=_controller_help([name for nam
 """Of a live chase, where nobody can tell the oracle where the target is."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScenarioOptions:
-    """The world of the chase: Table I of the paper, with these changes."""
+if TYPE_CHECKING:
 
-    sampling_hz: float | None = None
-    """F, RSSI samples a second (the paper: 10, 20, 50, 100; default 10)."""
-    spatial_correlation: float | None = None
-    """rho, correlation between trackers (the paper: 0.1, 0.5, 0.9; default 0.9)."""
-    scenario_file: Path | None = None
-    """A TOML file with any fields of the scenario; what it does not name is Table I."""
+    @dataclass(frozen=True, kw_only=True)
+    class _ScenarioFields:
+        """Every field of ``Scenario`` by its name, None where it is not given."""
+
+        def __init__(self, **fields: Any) -> None: ...
+
+else:
+    _ScenarioFields = dataclasses.make_dataclass(
+        "_ScenarioFields",
+        [
+            (constant.name, Annotated[constant.type | None, arg(help=constant.metadata["help"])], None)
+            for constant in dataclasses.fields(Scenario)
+        ],
+        frozen=True,
+        kw_only=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WorldOptions(_ScenarioFields):
+    """The world of the chase: Table I of the paper, or another scenario, with these changes."""
+
+    scenario_name: Annotated[
+        str,
+        arg(
+            name="scenario",
+            aliases=["--scenario-file"],
+            help=f"{', '.join(SHIPPED_SCENARIOS)}, or a TOML file; what the file does not name is as in the paper.",
+        ),
+    ] = "paper"
+
+    def _scenario(self, **changes: Any) -> Scenario:
+        """The scenario of these options and changes; None changes nothing.
+
+        Raises:
+            InputError: a value or file that is refused.
+        """
+        given = {constant.name: getattr(self, constant.name) for constant in dataclasses.fields(Scenario)} | changes
+        known = {name: value for name, value in given.items() if value is not None}
+        return Scenario.from_dict(load_scenario(self.scenario_name).to_dict() | known)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioOptions(_WorldOptions):
+    """One world."""
 
     def scenario(self) -> Scenario:
         """The scenario these options describe.
@@ -68,9 +106,32 @@ class ScenarioOptions:
         Raises:
             InputError: a value or file that is refused.
         """
-        base = Scenario() if self.scenario_file is None else Scenario.load_toml(self.scenario_file)
-        given: dict[str, Any] = {"sampling_hz": self.sampling_hz, "spatial_correlation": self.spatial_correlation}
-        return Scenario.from_dict(base.to_dict() | {name: value for name, value in given.items() if value is not None})
+        return self._scenario()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingsOptions(_WorldOptions):
+    """A world in several settings."""
+
+    sampling_hz: tuple[float, ...] = ()
+    """F, RSSI samples a second, one or several (the paper: 10, 20, 50, 100; default 10)."""
+    spatial_correlation: tuple[float, ...] = ()
+    """rho, correlation between trackers (the paper: 0.1, 0.5, 0.9; default 0.9); with several of both, every pair."""
+
+    def scenarios(self) -> list[Scenario]:
+        """Every pair of F and rho.
+
+        Raises:
+            InputError: a value or file that is refused.
+        """
+        return self._of_settings(self.sampling_hz, self.spatial_correlation)
+
+    def _of_settings(self, frequencies_hz: Sequence[float], correlations: Sequence[float]) -> list[Scenario]:
+        return [
+            self._scenario(sampling_hz=sampling_hz, spatial_correlation=correlation)
+            for correlation in correlations or (None,)
+            for sampling_hz in frequencies_hz or (None,)
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,4 +210,4 @@ class ServiceOptions(OperatorSettings):
 
 def fields_from(command: Any, kind: Any) -> dict[str, Any]:
     """The values of those options that are fields of the dataclass ``kind``, which has the same names."""
-    return {field.name: getattr(command, field.name) for field in fields(kind)}
+    return {field.name: getattr(command, field.name) for field in dataclasses.fields(kind)}

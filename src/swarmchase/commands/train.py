@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..errors import InputError
-from ..scenario import Scenario
-from .options import ScenarioOptions
+from .options import ScenarioOptions, SettingsOptions
 from .terminal import CONSOLE, print_json, progress_bar, warn
 
 Schedule = Literal["processes", "deterministic"]
@@ -138,17 +137,11 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainBatchedCommand(_TrainOptions):
+class TrainBatchedCommand(SettingsOptions, _TrainOptions):
     """Train the four networks in one process, on many chases at a time, for one setting or for several at once."""
 
     preset: str = "counterfactual"
     """a2c, ppo, all-actions, counterfactual, recurrent, gated or robust; the options below change it."""
-    sampling_hz: tuple[float, ...] = ()
-    """F, RSSI samples a second (default 10); several train one set of networks for all of them."""
-    spatial_correlation: tuple[float, ...] = ()
-    """rho, correlation between trackers (default 0.9); with several of both, every pair."""
-    scenario_file: Path | None = None
-    """A TOML file with any other fields of the scenario; what it does not name is Table I."""
     symmetric: bool | None = None
     """x, y and z are one network that learns from all three views of a window."""
     mirrored: bool | None = None
@@ -183,20 +176,6 @@ class TrainBatchedCommand(_TrainOptions):
             "precision": self.precision,
         }
         return super().changes() | {name: value for name, value in given.items() if value is not None}
-
-    def scenarios(self) -> list[Scenario]:
-        """Every pair of F and rho.
-
-        Raises:
-            InputError: a value or file that is refused.
-        """
-        return [
-            ScenarioOptions(
-                sampling_hz=sampling_hz, spatial_correlation=correlation, scenario_file=self.scenario_file
-            ).scenario()
-            for correlation in self.spatial_correlation or (None,)
-            for sampling_hz in self.sampling_hz or (None,)
-        ]
 
 
 @contextlib.contextmanager
