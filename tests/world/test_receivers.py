@@ -128,8 +128,8 @@ def test_faults_change_neither_the_target_nor_the_fading(changes: dict[str, floa
     perfect = windows(world(continuity=continuity), 8, 3)
     for one, other in zip(spoilt, perfect, strict=True):
         assert torch.equal(one.target_position_m, other.target_position_m)
-        assert one.fading.streams.positions() == other.fading.streams.positions()
-        offset_db = 0 if one.receivers.offset_db is None else one.receivers.offset_db[:, None]
+        assert pack(one.radio.fading, "fading")[1] == pack(other.radio.fading, "fading")[1]
+        offset_db = 0 if one.radio.receivers.offset_db is None else one.radio.receivers.offset_db[:, None]
         reported = one.rssi_dbm.isfinite()
         assert same(one.rssi_dbm[reported], (other.rssi_dbm + offset_db)[reported])
     assert not all(same(one.rssi_dbm, other.rssi_dbm) for one, other in zip(spoilt, perfect, strict=True))
@@ -166,5 +166,5 @@ def test_a_batch_cut_joined_and_filed_goes_on_as_if_nothing_had_been(changes: di
         found, _ = environment.step(found, action_from_choice(scenario, choice.expand(5, -1)))
         assert same(found.rssi_dbm, expected.rssi_dbm[order])
         for name in ("offset_db", "silent"):
-            one, other = getattr(found.receivers, name), getattr(expected.receivers, name)
+            one, other = getattr(found.radio.receivers, name), getattr(expected.radio.receivers, name)
             assert one is other is None or np.array_equal(one, other[order])

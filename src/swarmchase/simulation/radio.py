@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import torch
 
 from ..batch.array_types import Float, Tensor
-from ..channel.fading import FadingProcess, FadingState, fading_db
+from ..channel.fading import fading_db, window_time_s
+from ..channel.fading_process import FadingState, fading_process
 from ..channel.propagation import unfaded_dbm
 from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
@@ -38,9 +39,11 @@ class Radio:
     def __init__(self, scenario: Scenario, seed: int, chase: int) -> None:
         keys = [(seed, chase)]
         self._scenario = scenario
-        self._process, self._receivers = FadingProcess(scenario), Receivers(scenario)
+        self._process, self._receivers = fading_process(scenario), Receivers(scenario)
         self._fading, self._receiver_state = self._process.begin(keys), self._receivers.begin(keys)
         self._between = self._process.begin(keys, "transit")
+        self._begin_s, self._between_begin_s = torch.zeros(2, 1, dtype=torch.float64)
+        """Of the announced window and of what is heard between windows, each by a clock of its own."""
         self._window: _Window | None = None
         self._sample = 0
         """The next one of the window."""
@@ -61,7 +64,7 @@ class Radio:
         center = torch.tensor([center_m], dtype=torch.float64)
         if self._center_m is not None:
             travel_m = (center - self._center_m).norm(dim=1)
-            self._fading = self._process.after_movement(self._fading, travel_m)
+            self._begin_s = self._begin_s + self._scenario.window_s + travel_m / self._scenario.tracker_speed_mps
         self._center_m = center
         self._since_ns = since_ns
 
@@ -71,11 +74,11 @@ class Radio:
             if time_ns < self._since_ns + BREAK_AFTER_S * 1e9:
                 return [math.nan] * NUM_TRACKERS
             self._since_ns, self._is_between = None, False
-            self._open(self._fading)
+            self._fading = self._open(self._fading, self._begin_s)
         elif self._window is None or self._sample == self._scenario.window_samples:
             self._is_between = True
-            self._between = self._process.after_movement(self._between, torch.zeros(1, dtype=torch.float64))
-            self._open(self._between)
+            self._between_begin_s = self._between_begin_s + self._scenario.window_s
+            self._between = self._open(self._between, self._between_begin_s)
         assert self._window is not None
         distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
         arriving_dbm = self._window.fading_db[:, self._sample] + unfaded_dbm(self._scenario, distance_m)[0].float()
@@ -83,10 +86,12 @@ class Radio:
         self._sample += 1
         return reported_dbm
 
-    def _open(self, fading: FadingState) -> None:
+    def _open(self, fading: FadingState, begin_s: Float[Tensor, "chase"]) -> FadingState:
         nothing_db = torch.zeros(1, self._scenario.window_samples, NUM_TRACKERS)
         # The evaluation's receivers draw once a window; those between windows must not disturb them.
         if not self._is_between:
             nothing_db = self._receivers.reported_dbm(self._receiver_state, nothing_db)
-        self._window = _Window(fading_db(self._process.window(fading))[0], nothing_db[0])
+        window, fading = self._process.gain(fading, window_time_s(self._scenario, begin_s))
+        self._window = _Window(fading_db(window)[0], nothing_db[0])
         self._sample = 0
+        return fading
