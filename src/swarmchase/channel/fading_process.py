@@ -9,9 +9,10 @@ from ..batch.streams import ChaseKey
 from ..scenario import Scenario
 from .drawn_windows import DrawnWindows, DrawnWindowsState
 from .fading import Fading, window_time_s
+from .in_flight import InFlight, InFlightState
 from .running_process import RunningProcess, RunningProcessState
 
-FadingState = DrawnWindowsState | RunningProcessState
+FadingState = DrawnWindowsState | RunningProcessState | InFlightState
 """Of whichever it is."""
 
 
@@ -19,7 +20,9 @@ def fading_process(scenario: Scenario, device: torch.device | str = "cpu") -> Fa
     """The fading that the scenario's ``continuity`` names."""
     if scenario.continuity == "independent":
         return DrawnWindows(scenario, device)
-    return RunningProcess(scenario, device)
+    if scenario.continuity == "continuous":
+        return RunningProcess(scenario, device)
+    return InFlight(scenario, device)
 
 
 def first_window(scenario: Scenario, keys: list[ChaseKey]) -> Float[Tensor, "chase tracker 2 sample"]:
