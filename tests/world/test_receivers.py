@@ -27,6 +27,10 @@ def world(**changes: float) -> Scenario:
     return paper_scenario(window_samples=10, **changes)
 
 
+def sample_times_s(num_chases: int, num_samples: int, sampling_hz: float = 10.0) -> torch.Tensor:
+    return (torch.arange(num_samples, dtype=torch.float64) / sampling_hz).expand(num_chases, -1)
+
+
 def windows(scenario: Scenario, num_chases: int, num_movements: int, first: int = 0) -> list[State]:
     """The states of these chases while they move in the same way."""
     environment = Environment(scenario)
@@ -45,9 +49,9 @@ def same(one: torch.Tensor, other: torch.Tensor) -> bool:
 def test_perfect_receivers_report_what_arrives_and_carry_nothing() -> None:
     receivers = Receivers(world())
     state = receivers.begin(chase_keys(4, 3))
-    assert (state.offset_db, state.silent, state.streams) == (None, None, None)
+    assert set(vars(state).values()) == {None}
     arriving_dbm = torch.randn(3, 10, 6)
-    assert receivers.reported_dbm(state, arriving_dbm) is arriving_dbm
+    assert receivers.reported_dbm(state, sample_times_s(3, 10), arriving_dbm)[0] is arriving_dbm
 
 
 def test_by_hand() -> None:
@@ -59,7 +63,7 @@ def test_by_hand() -> None:
         silent=torch.tensor([[False, False, True, False, False, False]]),
     )
     arriving_dbm = torch.tensor([[[-60.0] * 6, [-50.0] * 6]])
-    reported_dbm = receivers.reported_dbm(state, arriving_dbm)[0]
+    reported_dbm = receivers.reported_dbm(state, sample_times_s(1, 2), arriving_dbm)[0][0]
     assert reported_dbm[:, [0, 1, 3, 4, 5]].tolist() == [[-59.5, -61, -58, -57, -63], [-49.5, -51, -48, -47, -53]]
     assert reported_dbm[:, 2].isnan().all()
     assert (arriving_dbm[0, 0] == -60).all()
