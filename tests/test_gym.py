@@ -164,19 +164,19 @@ def test_bounds_hold_the_weakest_and_the_strongest_a_chase_can_hear():
     assert low_dbm == pytest.approx(23 - 30 - 26 * np.log10(farthest_m) - 200, abs=1e-4)
     assert high_dbm == pytest.approx(23 - 30 + 20)
     silence = torch.zeros(1, 6, 2, scenario.window_samples)
-    weakest_dbm = rssi_dbm(scenario, torch.full((1, 6), farthest_m, dtype=torch.float64), silence)
+    weakest_dbm = rssi_dbm(scenario, torch.full((1, 1, 6), farthest_m, dtype=torch.float64), silence)
     assert float(weakest_dbm.min()) == pytest.approx(low_dbm, abs=1e-3)
-    assert low_dbm - DEEPEST_FADE_DB < float(rssi_dbm(scenario, torch.full((1, 6), 1000.0), silence + 1).min())
+    assert low_dbm - DEEPEST_FADE_DB < float(rssi_dbm(scenario, torch.full((1, 1, 6), 1000.0), silence + 1).min())
 
 
 def test_what_exceeds_the_bounds_is_clipped(monkeypatch):
-    def loud_then_silent(self, state):
-        fading = torch.zeros(len(state.time_s), 6, 2, 50)
+    def loud_then_silent(self, state, time_s, moved_m=None):
+        fading = torch.zeros(len(time_s), 6, 2, 50)
         fading[..., 0] = 1e30
         fading[..., 1] = 1e-30
-        return fading
+        return fading, state
 
-    monkeypatch.setattr("swarmchase.channel.fading.FadingProcess.window", loud_then_silent)
+    monkeypatch.setattr("swarmchase.channel.drawn_windows.DrawnWindows.gain", loud_then_silent)
     env = ChaseEnv(path_loss_exponent=8.0)
     window_dbm, _ = env.reset(seed=0)
     assert window_dbm in env.observation_space

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.fading import FadingProcess, fading_db
+from swarmchase.channel.fading import fading_db
+from swarmchase.channel.fading_process import first_window
 from swarmchase.channel.propagation import unfaded_dbm
 from swarmchase.levels import (
     HIGHEST_DBM,
@@ -82,9 +83,8 @@ def test_the_most_that_a_transmitter_can_give_by_hand(scenario: Scenario, expect
 def test_nothing_that_the_told_channel_gives_is_dropped(rician_k: float, sampling_hz: float) -> None:
     """1.5 million samples at d_0, 30,000 windows: none above the ceiling, even without its allowances, none wild."""
     scenario = paper_scenario(rician_k=rician_k, sampling_hz=sampling_hz, spatial_correlation=0.1)
-    process = FadingProcess(scenario)
     at_reference_dbm = float(unfaded_dbm(scenario, torch.ones(1)))
-    rssi_dbm = at_reference_dbm + fading_db(process.window(process.begin(chase_keys(3, 5000)))).transpose(1, 2)
+    rssi_dbm = at_reference_dbm + fading_db(first_window(scenario, chase_keys(3, 5000))).transpose(1, 2)
     assert is_level(rssi_dbm, highest_dbm(scenario)).all()
     assert (rssi_dbm > highest_dbm(scenario) - 6.5).double().mean() < 4e-6
     assert wild_samples(rssi_dbm) is None

@@ -4,7 +4,6 @@ Distributions are in test_channel_statistics.py.
 """
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,11 @@ from scipy.special import j0
 
 from swarmchase.batch.selection import join_chases, select_chases
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.fading import (
-    DEEPEST_FADE_DB,
-    FadingProcess,
-    FadingState,
-    harmonic_frequency_hz,
-    jakes_basis,
-    spatial_mixing,
-)
+from swarmchase.channel.drawn_windows import jakes_basis
+from swarmchase.channel.fading import DEEPEST_FADE_DB, Fading, spatial_mixing, window_time_s
+from swarmchase.channel.fading_process import fading_process, first_window
 from swarmchase.channel.propagation import path_loss_db
+from swarmchase.channel.running_process import harmonic_frequency_hz
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.radio import rssi_dbm
 
@@ -68,7 +63,7 @@ def test_path_loss_follows_its_scenario() -> None:
 
 def test_rssi_is_power_minus_path_loss_plus_fading() -> None:
     """One chase, two samples: |h| = 1, then |h| = 1/2 in quadrature (-6.02 dB); tracker u at 10 or 100 m."""
-    distance_m = torch.tensor([[10.0, 100, 10, 100, 10, 100]], dtype=torch.float64)
+    distance_m = torch.tensor([[[10.0, 100, 10, 100, 10, 100]]], dtype=torch.float64)
     fading = torch.zeros(1, NUM_TRACKERS, 2, 2)
     fading[:, :, 0, 0] = 1.0
     fading[:, :, 1, 1] = 0.5
@@ -107,13 +102,18 @@ def test_harmonics_are_few_and_reproduce_the_autocorrelation(horizon_s: float, n
     assert np.abs(autocorrelation - j0(2 * np.pi * lag_s)).max() <= 2e-12  # 1e-12, and the rounding of 2000 sums
 
 
-def windows(process: FadingProcess, state: FadingState, count: int) -> torch.Tensor:
+def windows(process: Fading[Any], scenario: Scenario, state: Any, count: int, begin_s: float = 0.0) -> torch.Tensor:
     """Successive windows of every chase, no travel between them, [chase, window, tracker, 2, sample]."""
     drawn = []
-    for _ in range(count):
-        drawn.append(process.window(state))
-        state = process.after_movement(state, torch.zeros_like(state.time_s))
+    for number in range(count):
+        begins_s = torch.full((num_chases(state),), begin_s + number * scenario.window_s, dtype=torch.float64)
+        window, state = process.gain(state, window_time_s(scenario, begins_s))
+        drawn.append(window)
     return torch.stack(drawn, dim=1)
+
+
+def num_chases(state: Any) -> int:
+    return len(state.streams if hasattr(state, "streams") else next(iter(vars(state).values())))
 
 
 WORLDS = [
@@ -129,12 +129,12 @@ WORLDS = [
 @pytest.mark.parametrize("scenario", WORLDS)
 def test_a_chase_is_the_same_in_any_batch(scenario: Scenario) -> None:
     """Bit for bit, dBm included: alone, among 3, among 300, first, in the middle and last."""
-    process = FadingProcess(scenario)
+    process = fading_process(scenario)
     keys = chase_keys(4711, 300)
 
     def heard_dbm(batch: list[tuple[int, int]]) -> torch.Tensor:
-        drawn = windows(process, process.begin(batch), 2)
-        distance_m = torch.tensor([[90.0 + chase % 20 + u for u in range(6)] for _, chase in batch]).double()
+        drawn = windows(process, scenario, process.begin(batch), 2)
+        distance_m = torch.tensor([[[90.0 + chase % 20 + u for u in range(6)]] for _, chase in batch]).double()
         return torch.stack([rssi_dbm(scenario, distance_m, drawn[:, i]) for i in range(2)], dim=1)
 
     among_all = heard_dbm(keys)
@@ -148,37 +148,35 @@ def test_a_chase_is_the_same_in_any_batch(scenario: Scenario) -> None:
 @pytest.mark.parametrize("scenario", WORLDS)
 def test_a_chase_goes_on_when_its_batch_changes(scenario: Scenario) -> None:
     """Two windows in one batch equal one window there and the next in a batch of other company."""
-    process = FadingProcess(scenario)
-    undisturbed = windows(process, process.begin(chase_keys(2, 6)), 2)
-    state = process.begin(chase_keys(2, 6))
-    process.window(state)
-    state = process.after_movement(state, torch.zeros_like(state.time_s))
+    process = fading_process(scenario)
+    undisturbed = windows(process, scenario, process.begin(chase_keys(2, 6)), 2)
+    _, state = process.gain(process.begin(chase_keys(2, 6)), window_time_s(scenario, torch.zeros(6).double()))
     regrouped = join_chases(select_chases(state, [4]), process.begin(chase_keys(3, 2)))
-    assert torch.equal(process.window(regrouped)[0], undisturbed[4, 1])
+    after = windows(process, scenario, regrouped, 1, scenario.window_s)
+    assert torch.equal(after[0, 0], undisturbed[4, 1])
 
 
-def test_successive_windows_of_the_running_process_are_one_process() -> None:
-    """A window that begins k samples later repeats the samples it shares with the first."""
-    process = FadingProcess(paper_scenario(sampling_hz=20, continuity="continuous"))
+def test_the_running_process_is_a_function_of_time() -> None:
+    """A window that begins k samples later repeats the samples it shares with the first, and so does any one of it."""
+    scenario = paper_scenario(sampling_hz=20, continuity="continuous")
+    process = fading_process(scenario)
     state = process.begin(chase_keys(1, 3))
-    first = process.window(state)
-    later = process.window(replace(state, time_s=state.time_s + 15 / 20))
+    time_s = window_time_s(scenario, torch.zeros(3).double())
+    first, _ = process.gain(state, time_s)
+    later, _ = process.gain(state, time_s + 15 / 20)
     assert torch.allclose(first[..., 15:], later[..., :-15], atol=2e-6)
     assert not torch.allclose(first, later, atol=0.1)
-
-
-def test_the_clock_advances_by_a_window_and_the_travel() -> None:
-    process = FadingProcess(paper_scenario(sampling_hz=20))  # a window lasts 50 / 20 = 2.5 s
-    state = process.begin(chase_keys(1, 2))
-    moved = process.after_movement(state, torch.tensor([0.0, 4.0]).double())  # 0.8 s at 5 m/s
-    assert moved.time_s.tolist() == pytest.approx([2.5, 3.3])
+    sample = torch.tensor([[3, 20, 49], [4, 5, 6], [0, 48, 49]])  # chases whose clocks differ
+    some, _ = process.gain(state, time_s.gather(1, sample))
+    assert torch.allclose(some, first.gather(3, sample[:, None, None].expand(3, 6, 2, 3)), atol=2e-6)
 
 
 @pytest.mark.parametrize("continuity", ["independent", "continuous"])
 def test_edges_are_what_the_formula_says(continuity: str) -> None:
     def drawn(**changes: object) -> torch.Tensor:
-        process = FadingProcess(paper_scenario(continuity=continuity, **changes))
-        return windows(process, process.begin(chase_keys(9, 20)), 2)
+        scenario = paper_scenario(continuity=continuity, **changes)
+        process = fading_process(scenario)
+        return windows(process, scenario, process.begin(chase_keys(9, 20)), 2)
 
     still = drawn(doppler_spread_hz=0)
     assert torch.allclose(still, still[..., :1].expand_as(still), atol=1e-5)  # constant within a window
@@ -198,8 +196,8 @@ def test_independent_phases_stay_with_a_running_process_only() -> None:
     """Without scattering h is the line of sight: one phase per tracker, redrawn with every independent window."""
     for continuity, stays in (("continuous", True), ("independent", False)):
         scenario = paper_scenario(rician_k=1e12, los_phase="independent", continuity=continuity)
-        process = FadingProcess(scenario)
-        drawn = windows(process, process.begin(chase_keys(9, 20)), 2)
+        process = fading_process(scenario)
+        drawn = windows(process, scenario, process.begin(chase_keys(9, 20)), 2)
         phase_rad = torch.atan2(drawn[..., 1, 0], drawn[..., 0, 0])
         assert torch.allclose(drawn.square().sum(dim=3), torch.ones(()), atol=1e-4)
         assert torch.allclose(phase_rad[:, 0], phase_rad[:, 1], atol=1e-4) is stays
@@ -223,13 +221,11 @@ CHANGES = st.fixed_dictionaries(
 @given(changes=CHANGES, distance_m=st.floats(0, 1e6))
 def test_every_sample_is_a_number_wherever_the_edge(changes: dict[str, Any], distance_m: float) -> None:
     scenario = paper_scenario(**changes)
-    process = FadingProcess(scenario)
-    state = process.begin(chase_keys(1, 2))
-    distances_m = torch.full((2, NUM_TRACKERS), distance_m, dtype=torch.float64)
-    fading = process.window(state)
+    distances_m = torch.full((2, 1, NUM_TRACKERS), distance_m, dtype=torch.float64)
+    fading = first_window(scenario, chase_keys(1, 2))
     window = rssi_dbm(scenario, distances_m, fading)
     assert window.shape == (2, scenario.window_samples, NUM_TRACKERS)
     assert window.dtype == torch.float32
     assert torch.isfinite(window).all()
-    mean_dbm = 23 - path_loss_db(scenario, distances_m[:1, :1]).item()
+    mean_dbm = 23 - path_loss_db(scenario, distances_m[:1, :, :1]).item()
     assert mean_dbm + DEEPEST_FADE_DB - 0.01 <= window.min().item() <= window.max().item() <= mean_dbm + 20

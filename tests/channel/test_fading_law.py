@@ -9,8 +9,8 @@ import torch
 from scipy.stats import multivariate_normal, ncx2, norm
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.fading import FadingProcess
 from swarmchase.channel.fading_law import HIGHEST_DB, LEAST_SPREAD_DB, LOWEST_DB, TABLE_STEP_DB, FadingLaw, fading_law
+from swarmchase.channel.fading_process import first_window
 from swarmchase.scenario import Scenario, paper_scenario
 
 EVERYONE = torch.ones(1, 6, dtype=torch.bool)
@@ -26,9 +26,8 @@ def normal_at(law: FadingLaw, level_db: float) -> float:
 
 def drawn_db(scenario: Scenario, seed: int, num_windows: int) -> np.ndarray:
     """The mean fading power of so many windows at six trackers."""
-    process = FadingProcess(scenario)
     parts = [
-        10 * process.window(process.begin(chase_keys(seed, 500, first))).square().sum(dim=2).mean(dim=2).log10()
+        10 * first_window(scenario, chase_keys(seed, 500, first)).square().sum(dim=2).mean(dim=2).log10()
         for first in range(0, num_windows, 500)
     ]
     return torch.cat(parts).double().numpy()

@@ -14,7 +14,8 @@ from scipy.special import exp1, ive, j0
 from scipy.stats import rice
 
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.fading import FadingProcess, fading_db
+from swarmchase.channel.fading import fading_db, window_time_s
+from swarmchase.channel.fading_process import fading_process
 from swarmchase.scenario import Scenario, paper_scenario
 
 K_FACTORS = [0.0, 1.0, 3.0, 10.0]
@@ -23,10 +24,11 @@ CORRELATIONS = [0.0, 0.1, 0.5, 0.9, 1.0]
 
 def fading(scenario: Scenario, num_windows: int) -> np.ndarray:
     """Independent windows, h[window, tracker, sample]: the first of as many chases, or 50 of each of fewer chases."""
-    process = FadingProcess(scenario)
-    windows_a_chase = 1 if scenario.continuity == "continuous" else 50
+    process = fading_process(scenario)
+    windows_a_chase = 50 if scenario.continuity == "independent" else 1
     state = process.begin(chase_keys(1, num_windows // windows_a_chase))
-    return np.concatenate([as_complex(process.window(state)) for _ in range(windows_a_chase)])
+    time_s = window_time_s(scenario, torch.zeros(num_windows // windows_a_chase, dtype=torch.float64))
+    return np.concatenate([as_complex(process.gain(state, time_s)[0]) for _ in range(windows_a_chase)])
 
 
 def as_complex(parts: torch.Tensor) -> np.ndarray:
@@ -159,11 +161,11 @@ def test_fades_come_as_often_as_rice_crosses_its_level(continuity: str) -> None:
 def test_covariance_across_a_window_boundary(sampling_hz: float, continuity: str, travel_s: float) -> None:
     """Sample j of the next window comes (50 - i + j) / F + travel after sample i of this one; or is a stranger."""
     scenario = paper_scenario(rician_k=0, spatial_correlation=0, sampling_hz=sampling_hz, continuity=continuity)
-    process = FadingProcess(scenario)
-    state = process.begin(chase_keys(1, 4_000))
-    first = as_complex(process.window(state)).reshape(-1, 50)
-    travel_m = torch.full((4_000,), travel_s * scenario.tracker_speed_mps, dtype=torch.float64)
-    second = as_complex(process.window(process.after_movement(state, travel_m))).reshape(-1, 50)
+    process = fading_process(scenario)
+    time_s = window_time_s(scenario, torch.zeros(4_000, dtype=torch.float64))
+    first, state = process.gain(process.begin(chase_keys(1, 4_000)), time_s)
+    second, _ = process.gain(state, time_s + scenario.window_s + travel_s)
+    first, second = as_complex(first).reshape(-1, 50), as_complex(second).reshape(-1, 50)
     sample = np.arange(50)
     lag_s = (50 - sample[:, None] + sample) / sampling_hz + travel_s
     expected = j0(2 * np.pi * lag_s) if continuity == "continuous" else np.zeros((50, 50))

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from swarmchase.channel.fading import fading_db
+from swarmchase.channel.fading_process import first_window
 from swarmchase.cli import main
 from swarmchase.errors import InputError
 from swarmchase.evaluation import blocks, reproduction
@@ -176,10 +177,8 @@ def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_the_fading_examples_are_the_channels_own() -> None:
     rows = fading_table(5).to_pylist()
     assert len(rows) == 2 * 6 * 50
-    from swarmchase.channel.fading import FadingProcess
-
-    process = FadingProcess(paper_scenario(sampling_hz=20, spatial_correlation=0.1))
-    expected = fading_db(process.window(process.begin([(5, 0)])))[0]
+    scenario = paper_scenario(sampling_hz=20, spatial_correlation=0.1)
+    expected = fading_db(first_window(scenario, [(5, 0)]))[0]
     trace = [row for row in rows if row["sampling_hz"] == 20 and row["tracker"] == 3]
     assert [row["fading_db"] for row in trace] == pytest.approx(expected[3].tolist())
     assert [row["time_s"] for row in trace] == pytest.approx([k / 20 for k in range(50)])

@@ -11,8 +11,9 @@ import torch
 from safetensors.torch import load_file
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
-from swarmchase.channel.fading import FadingProcess, fading_db
+from swarmchase.channel.fading import fading_db
 from swarmchase.channel.fading_law import fading_law
+from swarmchase.channel.fading_process import first_window
 from swarmchase.cli import main
 from swarmchase.controllers import load_controller, network_controller
 from swarmchase.controllers.particle import ParticleController
@@ -42,8 +43,7 @@ def network():
 
 def windows_dbm(scenario, num_windows, seed=1):
     """Windows of pure fading around -60 dBm."""
-    process = FadingProcess(scenario)
-    return fading_db(process.window(process.begin(chase_keys(seed, num_windows)))).transpose(1, 2) - 60
+    return fading_db(first_window(scenario, chase_keys(seed, num_windows))).transpose(1, 2) - 60
 
 
 @pytest.mark.parametrize(

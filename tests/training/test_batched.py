@@ -269,7 +269,7 @@ def test_what_is_heard_at_a_varied_start_is_heard_from_there() -> None:
     environment = Environment(scenario)
     state = environment.reset(chase_keys(1, 3), nearness=torch.tensor([1.0, 0.5, 0.1]))
     offset_m = state.observation().tracker_position_m[:, 0] - state.target_position_m[:, None]
-    expected = rssi_dbm(scenario, offset_m.norm(dim=2), torch.ones(3, 6, 2, 3) * 0.5**0.5)
+    expected = rssi_dbm(scenario, offset_m.norm(dim=2)[:, None], torch.ones(3, 6, 2, 3) * 0.5**0.5)
     torch.testing.assert_close(state.rssi_dbm, expected, atol=0.01, rtol=0)
 
 

@@ -109,7 +109,7 @@ def test_a_movement_carries_centre_spacing_path_and_clock(environment):
     assert state.spacing_m.tolist() == [3]
     assert state.path_length_m.tolist() == [4 + 6]  # |(-4, 2, 4)| = 6
     # Two windows of 50 / 10 Hz and 10 m at 5 m/s (Section IV, tau).
-    assert state.fading.time_s.tolist() == pytest.approx([2 * 5 + 10 / 5])
+    assert state.time_s.tolist() == pytest.approx([2 * 5 + 10 / 5])
 
 
 def test_a_chase_starts_at_the_origin_at_the_initial_spacing(environment):
@@ -225,7 +225,7 @@ def test_continuous_fading_pauses_for_the_travel_time():
     start = situation(environment, (1000, 0, 0))
     hovered, _ = environment.step(start, move((0, 0, 0)))
     moved, _ = environment.step(start, move((0, 4, 0)))
-    assert (moved.fading.time_s - hovered.fading.time_s).item() == pytest.approx(0.8)
+    assert (moved.time_s - hovered.time_s).item() == pytest.approx(0.8)
     # The same process: 0.8 s are 8 samples, which the hovering swarm heard and the moving one missed.
     assert torch.allclose(moved.rssi_dbm[:, :42], hovered.rssi_dbm[:, 8:], atol=0.005)
 

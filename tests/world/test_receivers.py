@@ -27,6 +27,10 @@ def world(**changes: float) -> Scenario:
     return paper_scenario(window_samples=10, **changes)
 
 
+def sample_times_s(num_chases: int, num_samples: int, sampling_hz: float = 10.0) -> torch.Tensor:
+    return (torch.arange(num_samples, dtype=torch.float64) / sampling_hz).expand(num_chases, -1)
+
+
 def windows(scenario: Scenario, num_chases: int, num_movements: int, first: int = 0) -> list[State]:
     """The states of these chases while they move in the same way."""
     environment = Environment(scenario)
@@ -45,9 +49,9 @@ def same(one: torch.Tensor, other: torch.Tensor) -> bool:
 def test_perfect_receivers_report_what_arrives_and_carry_nothing() -> None:
     receivers = Receivers(world())
     state = receivers.begin(chase_keys(4, 3))
-    assert (state.offset_db, state.silent, state.streams) == (None, None, None)
+    assert set(vars(state).values()) == {None}
     arriving_dbm = torch.randn(3, 10, 6)
-    assert receivers.reported_dbm(state, arriving_dbm) is arriving_dbm
+    assert receivers.reported_dbm(state, sample_times_s(3, 10), arriving_dbm)[0] is arriving_dbm
 
 
 def test_by_hand() -> None:
@@ -59,7 +63,7 @@ def test_by_hand() -> None:
         silent=torch.tensor([[False, False, True, False, False, False]]),
     )
     arriving_dbm = torch.tensor([[[-60.0] * 6, [-50.0] * 6]])
-    reported_dbm = receivers.reported_dbm(state, arriving_dbm)[0]
+    reported_dbm = receivers.reported_dbm(state, sample_times_s(1, 2), arriving_dbm)[0][0]
     assert reported_dbm[:, [0, 1, 3, 4, 5]].tolist() == [[-59.5, -61, -58, -57, -63], [-49.5, -51, -48, -47, -53]]
     assert reported_dbm[:, 2].isnan().all()
     assert (arriving_dbm[0, 0] == -60).all()
@@ -128,8 +132,8 @@ def test_faults_change_neither_the_target_nor_the_fading(changes: dict[str, floa
     perfect = windows(world(continuity=continuity), 8, 3)
     for one, other in zip(spoilt, perfect, strict=True):
         assert torch.equal(one.target_position_m, other.target_position_m)
-        assert one.fading.streams.positions() == other.fading.streams.positions()
-        offset_db = 0 if one.receivers.offset_db is None else one.receivers.offset_db[:, None]
+        assert pack(one.radio.fading, "fading")[1] == pack(other.radio.fading, "fading")[1]
+        offset_db = 0 if one.radio.receivers.offset_db is None else one.radio.receivers.offset_db[:, None]
         reported = one.rssi_dbm.isfinite()
         assert same(one.rssi_dbm[reported], (other.rssi_dbm + offset_db)[reported])
     assert not all(same(one.rssi_dbm, other.rssi_dbm) for one, other in zip(spoilt, perfect, strict=True))
@@ -166,5 +170,5 @@ def test_a_batch_cut_joined_and_filed_goes_on_as_if_nothing_had_been(changes: di
         found, _ = environment.step(found, action_from_choice(scenario, choice.expand(5, -1)))
         assert same(found.rssi_dbm, expected.rssi_dbm[order])
         for name in ("offset_db", "silent"):
-            one, other = getattr(found.receivers, name), getattr(expected.receivers, name)
+            one, other = getattr(found.radio.receivers, name), getattr(expected.radio.receivers, name)
             assert one is other is None or np.array_equal(one, other[order])

@@ -18,8 +18,20 @@ from .array_types import Float, Tensor
 ChaseKey = tuple[int, int]
 """(seed of the run, number of the chase in the run)."""
 
-Purpose = Literal["target", "fading", "policy", "receivers", "world", "transit", "behaviour"]
-_PURPOSES: tuple[Purpose, ...] = ("target", "fading", "policy", "receivers", "world", "transit", "behaviour")
+Purpose = Literal[
+    "target", "fading", "policy", "receivers", "world", "transit", "behaviour", "shadowing", "transmissions"
+]
+_PURPOSES: tuple[Purpose, ...] = (
+    "target",
+    "fading",
+    "policy",
+    "receivers",
+    "world",
+    "transit",
+    "behaviour",
+    "shadowing",
+    "transmissions",
+)
 
 _CHASES_AT_ONCE = 128
 """Chases whose normals are made together: few enough for the arrays in between to stay in the L2 cache."""

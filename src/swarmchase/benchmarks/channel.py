@@ -26,7 +26,8 @@ import numpy as np
 import torch
 
 from ..batch.streams import chase_keys
-from ..channel.fading import FadingProcess
+from ..channel.fading import window_time_s
+from ..channel.fading_process import fading_process
 from ..channel.propagation import path_loss_db
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
 from ..world.radio import rssi_dbm
@@ -48,10 +49,11 @@ Prepare = Callable[[Scenario, int], Draw]
 
 def swarmchase_windows(scenario: Scenario, batch: int) -> Draw:
     """Ours: exact Jakes covariance, every window of another chase with its own random stream."""
-    fading = FadingProcess(scenario)
+    fading = fading_process(scenario)
     state = fading.begin(chase_keys(1, batch))
-    distance_m = _distance_m(batch)
-    return lambda: rssi_dbm(scenario, distance_m, fading.window(state))
+    distance_m = _distance_m(batch)[:, None]
+    time_s = window_time_s(scenario, torch.zeros(batch, dtype=torch.float64))
+    return lambda: rssi_dbm(scenario, distance_m, fading.gain(state, time_s)[0])
 
 
 def pyphysim_windows(scenario: Scenario, batch: int) -> Draw:

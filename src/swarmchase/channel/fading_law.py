@@ -2,7 +2,7 @@
 
 The six mean powers of a window are a path gain each plus the fading's mean power in dB, whose joint law does not
 depend on the distances. It has no closed form. Here it is a Gaussian copula: each tracker's fading is mapped to a
-standard normal by the quantiles of many windows drawn from ``channel.fading.FadingProcess``, and the six normals have
+standard normal by the quantiles of many windows drawn from the scenario's own ``Fading``, and the six normals have
 one correlation, since all trackers fade alike. At 100 Hz the law has a long tail towards deep fades: as a plain
 Gaussian it costs a particle filter 4 % more movements.
 
@@ -25,8 +25,9 @@ from ..batch.array_types import Bool, Float, Tensor
 from ..batch.streams import chase_keys
 from ..observation import mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
-from .fading import FadingProcess
 from .fading import fading_db as samples_db
+from .fading import window_time_s
+from .fading_process import fading_process
 
 LAW_WINDOWS = 20_000
 """Windows from which the law is read; each is heard by six trackers."""
@@ -51,7 +52,7 @@ _FIELDS_OF_FADING = (
     "los_phase",
     "continuity",
 )
-"""All that ``FadingProcess`` looks at."""
+"""All that the fading of a swarm that hovers depends on."""
 
 WindowPower = Callable[[Float[Tensor, "chase sample tracker"]], Float[Tensor, "chase tracker"]]
 """One level in dBm of each tracker for a window in dBm; if all samples rise by 1 dB, so does the level."""
@@ -141,10 +142,11 @@ def _drawn_fading_db(
     scenario: Scenario, window_power: WindowPower
 ) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
     """What fading adds to six trackers' levels in ``LAW_WINDOWS`` windows, spread to ``LEAST_SPREAD_DB``."""
-    process = FadingProcess(scenario)
+    process = fading_process(scenario)
+    time_s = window_time_s(scenario, torch.zeros(1000, dtype=torch.float64))
     drawn = []
     for first in range(0, LAW_WINDOWS, 1000):
-        window = process.window(process.begin(chase_keys(LAW_SEED, 1000, first)))
+        window, _ = process.gain(process.begin(chase_keys(LAW_SEED, 1000, first)), time_s)
         drawn.append(window_power(samples_db(window).transpose(1, 2)))
     fading_db = np.asarray(torch.cat(drawn).double().numpy())
     apart_db = fading_db - fading_db.mean(axis=1, keepdims=True)

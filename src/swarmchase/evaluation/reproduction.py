@@ -14,7 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..batch.streams import ChaseKey
-from ..channel.fading import FadingProcess, fading_db
+from ..channel.fading import fading_db
+from ..channel.fading_process import first_window
 from ..controllers import weights_sha256
 from ..controllers.shipped import WEIGHTS_FOLDER, setting_name, shipped_families
 from ..errors import InputError
@@ -186,8 +187,7 @@ def _fading_document(seed: int) -> Document:
 
 def _fading_rows(sampling_hz: float, spatial_correlation: float, key: ChaseKey) -> Iterator[dict[str, Any]]:
     scenario = paper_scenario(sampling_hz=sampling_hz, spatial_correlation=spatial_correlation)
-    process = FadingProcess(scenario)
-    fading = fading_db(process.window(process.begin([key])))[0].numpy().astype(np.float64)
+    fading = fading_db(first_window(scenario, [key]))[0].numpy().astype(np.float64)
     for tracker, trace in enumerate(fading):
         for sample, value in enumerate(trace):
             yield {

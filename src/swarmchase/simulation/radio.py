@@ -6,12 +6,12 @@ controller tells nobody where its windows begin, so a simulation has to be told:
 """
 
 import math
-from dataclasses import dataclass
 
 import torch
 
 from ..batch.array_types import Float, Tensor
-from ..channel.fading import FadingProcess, FadingState, fading_db
+from ..channel.fading import fading_db, window_time_s
+from ..channel.fading_process import FadingState, fading_process
 from ..channel.propagation import unfaded_dbm
 from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
@@ -23,25 +23,19 @@ BREAK_BEFORE_S, BREAK_AFTER_S = 0.1, 0.02
 need to agree better than this."""
 
 
-@dataclass(frozen=True)
-class _Window:
-    """Fifty samples to be heard one after the other."""
-
-    fading_db: Float[Tensor, "tracker sample"]
-    receivers_db: Float[Tensor, "sample tracker"]
-    """What the receivers add; NaN where a sample goes missing."""
-
-
 class Radio:
     """Of one chase. The swarm starts around the origin; metres are of the frame that all share."""
 
     def __init__(self, scenario: Scenario, seed: int, chase: int) -> None:
         keys = [(seed, chase)]
         self._scenario = scenario
-        self._process, self._receivers = FadingProcess(scenario), Receivers(scenario)
+        self._process, self._receivers = fading_process(scenario), Receivers(scenario)
         self._fading, self._receiver_state = self._process.begin(keys), self._receivers.begin(keys)
         self._between = self._process.begin(keys, "transit")
-        self._window: _Window | None = None
+        self._begin_s, self._between_begin_s = torch.zeros(2, 1, dtype=torch.float64)
+        """Of the announced window and of what is heard between windows, each by a clock of its own."""
+        self._window_db: Tensor | None = None
+        """The fading of the samples that are heard one after the other, [tracker, sample]."""
         self._sample = 0
         """The next one of the window."""
         self._is_between = True
@@ -61,7 +55,7 @@ class Radio:
         center = torch.tensor([center_m], dtype=torch.float64)
         if self._center_m is not None:
             travel_m = (center - self._center_m).norm(dim=1)
-            self._fading = self._process.after_movement(self._fading, travel_m)
+            self._begin_s = self._begin_s + self._scenario.window_s + travel_m / self._scenario.tracker_speed_mps
         self._center_m = center
         self._since_ns = since_ns
 
@@ -71,22 +65,27 @@ class Radio:
             if time_ns < self._since_ns + BREAK_AFTER_S * 1e9:
                 return [math.nan] * NUM_TRACKERS
             self._since_ns, self._is_between = None, False
-            self._open(self._fading)
-        elif self._window is None or self._sample == self._scenario.window_samples:
+            self._fading = self._open(self._fading, self._begin_s)
+        elif self._window_db is None or self._sample == self._scenario.window_samples:
             self._is_between = True
-            self._between = self._process.after_movement(self._between, torch.zeros(1, dtype=torch.float64))
-            self._open(self._between)
-        assert self._window is not None
+            self._between_begin_s = self._between_begin_s + self._scenario.window_s
+            self._between = self._open(self._between, self._between_begin_s)
+        assert self._window_db is not None
         distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
-        arriving_dbm = self._window.fading_db[:, self._sample] + unfaded_dbm(self._scenario, distance_m)[0].float()
-        reported_dbm: list[float] = (arriving_dbm + self._window.receivers_db[self._sample]).tolist()
-        self._sample += 1
-        return reported_dbm
-
-    def _open(self, fading: FadingState) -> None:
-        nothing_db = torch.zeros(1, self._scenario.window_samples, NUM_TRACKERS)
-        # The evaluation's receivers draw once a window; those between windows must not disturb them.
+        arriving_dbm = self._window_db[:, self._sample] + unfaded_dbm(self._scenario, distance_m)[0].float()
+        # The evaluation's receivers hear nothing between windows; what is heard there must not disturb them.
         if not self._is_between:
-            nothing_db = self._receivers.reported_dbm(self._receiver_state, nothing_db)
-        self._window = _Window(fading_db(self._process.window(fading))[0], nothing_db[0])
+            sample_s = self._begin_s[:, None] + self._sample / self._scenario.sampling_hz
+            reported_dbm, self._receiver_state = self._receivers.reported_dbm(
+                self._receiver_state, sample_s, arriving_dbm[None, None]
+            )
+            arriving_dbm = reported_dbm[0, 0]
+        self._sample += 1
+        levels_dbm: list[float] = arriving_dbm.tolist()
+        return levels_dbm
+
+    def _open(self, fading: FadingState, begin_s: Float[Tensor, "chase"]) -> FadingState:
+        window, fading = self._process.gain(fading, window_time_s(self._scenario, begin_s))
+        self._window_db = fading_db(window)[0]
         self._sample = 0
+        return fading

@@ -4,18 +4,14 @@ import math
 from collections import deque
 from random import Random
 
-from ..levels import ERROR_VALUES_DBM
 from ..live.tracker.sources import Sample
+from ..world.receivers import GARBAGE_DBM, WRONG_DB
 from .fault_plan import ReceiverFault
 
-WRONG_DB = 20.0
 CONSTANT_DBM = {ReceiverFault.DEAF: -200.0, ReceiverFault.LOUD: 20.0}
 DELAY_S = 0.5
 HALF_SECOND_NS = 500_000_000
 GARBAGE_SHARE = 0.5
-GARBAGE_DBM = (*ERROR_VALUES_DBM, 17.0, 121.0, -89.0)
-"""What real receivers have been seen to report among true levels: their error values; +17 in 2 % of a monitor-mode WiFi
-card's samples; up to +121; a single -89 among -36."""
 
 
 class FailingReceiver:

@@ -10,14 +10,13 @@ import torch
 
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
-from ..channel.fading import FadingState
+from ..channel.fading import window_time_s
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
 from ..formation import Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
-from .radio import Radio
-from .receivers import ReceiverState
+from .radio import Radio, RadioState
 from .target import draw_target_position_m
 
 
@@ -40,10 +39,10 @@ class State:
     """Movements made so far."""
     path_length_m: Float[Tensor, "chase"]
     """Distance flown by the centre so far."""
-    fading: FadingState
-    """What the fading carries from window to window."""
-    receivers: ReceiverState
-    """What is wrong with each chase's receivers."""
+    time_s: Float[Tensor, "chase"]
+    """Since the chase began: when this window began, float64."""
+    radio: RadioState
+    """What the radio carries from window to window."""
 
     def observation(self) -> Observation:
         """What a controller may see of it."""
@@ -84,18 +83,18 @@ class Environment:
         target_position_m = target_position_m.to(self._device)
         center_m = torch.zeros_like(target_position_m)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
-        fading, receivers = self._radio.begin(keys)
+        time_s = torch.zeros(len(keys), dtype=torch.float64, device=self._device)
+        radio = self._radio.begin(keys)
+        rssi_dbm, radio = self._window_dbm(radio, time_s, target_position_m, center_m, spacing_m)
         return State(
             target_position_m=target_position_m,
             center_m=center_m,
             spacing_m=spacing_m,
-            rssi_dbm=self._radio.heard_dbm(
-                _tracker_distance_m(target_position_m, center_m, spacing_m), fading, receivers
-            ),
+            rssi_dbm=rssi_dbm,
             movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
             path_length_m=torch.zeros(len(keys), dtype=torch.float64, device=self._device),
-            fading=fading,
-            receivers=receivers,
+            time_s=time_s,
+            radio=radio,
         )
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
@@ -107,20 +106,32 @@ class Environment:
         self._require_allowed(state, action)
         center_m = state.center_m + action.displacement_m
         travel_m = action.displacement_m.norm(dim=1)
-        fading = self._radio.fading.after_movement(state.fading, travel_m)
+        time_s = state.time_s + self.scenario.window_s + travel_m / self.scenario.tracker_speed_mps
+        rssi_dbm, radio = self._window_dbm(state.radio, time_s, state.target_position_m, center_m, action.spacing_m)
         following = State(
             target_position_m=state.target_position_m,
             center_m=center_m,
             spacing_m=action.spacing_m,
-            rssi_dbm=self._radio.heard_dbm(
-                _tracker_distance_m(state.target_position_m, center_m, action.spacing_m), fading, state.receivers
-            ),
+            rssi_dbm=rssi_dbm,
             movements=state.movements + 1,
             path_length_m=state.path_length_m + travel_m,
-            fading=fading,
-            receivers=state.receivers,
+            time_s=time_s,
+            radio=radio,
         )
         return following, self._outcome(state, following)
+
+    def _window_dbm(
+        self,
+        radio: RadioState,
+        begin_s: Float[Tensor, "chase"],
+        target_position_m: Float[Tensor, "chase 3"],
+        center_m: Float[Tensor, "chase 3"],
+        spacing_m: Float[Tensor, "chase"],
+    ) -> tuple[Float[Tensor, "chase sample tracker"], RadioState]:
+        """The window that a swarm hovering here hears from this moment on."""
+        trackers_m = tracker_position_m(center_m, spacing_m)
+        time_s = window_time_s(self.scenario, begin_s)
+        return self._radio.heard_dbm(radio, time_s, target_position_m[:, None], trackers_m[:, None])
 
     def _outcome(self, before: State, after: State) -> Outcome:
         reached = distance_to_target_m(after) <= self.scenario.success_radius_m
