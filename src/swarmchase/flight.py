@@ -64,6 +64,30 @@ def first_within_s(
     return torch.where(first_s.isinf(), torch.nan, first_s)
 
 
+def least_m(offset_m: Float[Tensor, "chase moment 3"]) -> Float[Tensor, "chase"]:
+    """The least length of an offset that changes evenly from each moment to the next."""
+    before_m, way_m = offset_m[:, :-1], offset_m.diff(dim=1)
+    nearing = -(before_m * way_m).sum(dim=-1)
+    share = (nearing / way_m.square().sum(dim=-1).clamp_min(_SHORTEST_S)).clamp(0.0, 1.0)
+    return length(before_m + share[..., None] * way_m).amin(dim=1)
+
+
+def intercept_s(
+    offset_m: Float[Tensor, "chase 3"], velocity_mps: Float[Tensor, "chase 3"], speed_mps: float
+) -> Float[Tensor, "chase"]:
+    """When one that flies at ``speed_mps``, in whatever direction, first meets what is at this offset from it and keeps
+    this velocity: |offset + velocity t| = speed t. NaN where it never does.
+    """
+    a = velocity_mps.square().sum(dim=-1) - speed_mps**2
+    b = (offset_m * velocity_mps).sum(dim=-1)
+    c = offset_m.square().sum(dim=-1)
+    root = (b.square() - a * c).sqrt()
+    # Both roots of a t^2 + 2 b t + c = 0, in the form that stands a = 0.
+    times_s = torch.stack([c / (root - b), c / (-root - b)])
+    first_s = torch.where((times_s >= 0) & times_s.isfinite(), times_s, torch.inf).amin(dim=0)
+    return torch.where(first_s.isinf(), torch.nan, first_s)
+
+
 def length(vector: Float[Tensor, "*batch xyz"]) -> Float[Tensor, "*batch"]:
     """Of each vector."""
     lengths: Tensor = torch.linalg.vector_norm(vector, dim=-1)

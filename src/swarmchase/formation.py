@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from .batch.array_types import Float, Int, Tensor
+from .flight import direction
 from .scenario import Scenario
 
 TRACKER_DIRECTION = torch.tensor(
@@ -18,9 +19,9 @@ class Action:
     """What the controller decides for each chase of a batch."""
 
     spacing_m: Float[Tensor, "chase"]
-    """Distance of every tracker from the centre, one of A^d."""
+    """Distance of every tracker from the centre: one of A^d, or in flight any between them."""
     displacement_m: Float[Tensor, "chase 3"]
-    """Movement of the centre, each axis one of A^x, A^y, A^z."""
+    """Movement of the centre: each axis one of A^x, A^y, A^z, or in flight any that its speed permits."""
 
 
 def tracker_position_m(
@@ -42,3 +43,14 @@ def nearest_choice(choices_m: tuple[float, ...], wanted_m: Float[Tensor, "*batch
     choice_m = torch.tensor(choices_m, dtype=torch.float64, device=wanted_m.device)
     nearest_m: Tensor = choice_m[(wanted_m[..., None] - choice_m).abs().argmin(dim=-1)]
     return nearest_m
+
+
+def displacement_towards(scenario: Scenario, way_m: Float[Tensor, "chase 3"]) -> Float[Tensor, "chase 3"]:
+    """What brings the centre nearest to the end of this way, float64.
+
+    Where trackers stop to listen, the nearest choice on each axis. In flight, at full speed that way: the target counts
+    as reached on the way too, and who slows down behind one that flees keeps its distance from it.
+    """
+    if scenario.pace == "stop_and_listen":
+        return nearest_choice(scenario.displacement_choices_m, way_m)
+    return scenario.tracker_speed_mps * scenario.decision_s * direction(way_m)

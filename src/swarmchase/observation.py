@@ -1,7 +1,7 @@
 """What a controller gets to see."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -26,12 +26,18 @@ class Observation:
     """S_t, Eq. (6); a missing sample is NaN."""
     tracker_position_m: Float[Tensor, "chase sample tracker 3"]
     """Where each sample was taken, in the chase's own frame (origin: the centre's start)."""
+    time_s: Float[Tensor, "chase sample"] | None = None
+    """When, in seconds since any moment; None where samples are 1 / F apart."""
 
     def __post_init__(self) -> None:
         if self.rssi_dbm.ndim != 3 or self.tracker_position_m.shape != (*self.rssi_dbm.shape, 3):
             raise InputError(
                 f"rssi_dbm {tuple(self.rssi_dbm.shape)} must be [chase, sample, tracker] and tracker_position_m "
                 f"{tuple(self.tracker_position_m.shape)} the same with three coordinates"
+            )
+        if self.time_s is not None and self.time_s.shape != self.rssi_dbm.shape[:2]:
+            raise InputError(
+                f"time_s {tuple(self.time_s.shape)} must be [chase, sample] of rssi_dbm {tuple(self.rssi_dbm.shape)}"
             )
 
 
@@ -53,7 +59,7 @@ def checked_observation(observation: Observation, scenario: Scenario) -> Observa
     wild = wild_samples(rssi_dbm)
     if wild is not None:
         rssi_dbm = torch.where(wild, torch.nan, rssi_dbm)
-    return observation if rssi_dbm is reported_dbm else Observation(rssi_dbm, observation.tracker_position_m)
+    return observation if rssi_dbm is reported_dbm else replace(observation, rssi_dbm=rssi_dbm)
 
 
 def wild_samples(rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Bool[Tensor, "chase sample tracker"] | None:

@@ -213,6 +213,11 @@ class Scenario:
         """Time to hear one window, L / F (Section IV, tau(M, F))."""
         return self.window_samples / self.sampling_hz
 
+    @property
+    def is_told_in_seconds(self) -> bool:
+        """Whether a chase is measured by the clock; the paper's are by movements."""
+        return self.pace != "stop_and_listen" or self.behaviour != "hover"
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON and TOML can hold them; of those that the paper's world does not have, what departs from
         it.

@@ -97,12 +97,15 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
 
 def summary_table(summaries: list[dict[str, Any]]) -> Table:
     """Summaries of evaluations as people read them, one column each."""
-    table = Table(caption="in brackets: 95 % confidence interval; a failed chase counts as MAX_STEPS + 1 movements")
+    by_the_clock = "capture_s_mean" in summaries[0]
+    failed = "the limit" if by_the_clock else "MAX_STEPS + 1 movements"
+    table = Table(caption=f"in brackets: 95 % confidence interval; a failed chase counts as {failed}")
     table.add_column("controller")
     for row in summaries:
         choice = "" if row["action_choice"] is None else f" ({row['action_choice']})"
         table.add_column(Text(row["controller"] + choice), justify="right")
-    for name, shown in _SHOWN.items():
+    lines = _SHOWN | (_SHOWN_BY_THE_CLOCK if by_the_clock else _SHOWN_BY_MOVEMENTS)
+    for name, shown in lines.items():
         table.add_row(name, *(Text(shown(row)) for row in summaries))
     return table
 
@@ -112,6 +115,8 @@ _SHOWN: dict[str, Callable[[dict[str, Any]], str]] = {
     "ρ": lambda row: f"{row['spatial_correlation']:g}",
     "chases": lambda row: f"{row['episodes']}",
     "reached": lambda row: f"{100 * row['success_rate']:.2f} %",
+}
+_SHOWN_BY_MOVEMENTS: dict[str, Callable[[dict[str, Any]], str]] = {
     "movements, mean": lambda row: f"{row['movements_mean']:.1f}" + shown_interval(row["movements_mean_ci95"], 1),
     "movements, median": lambda row: f"{row['movements_p50']:g}" + shown_interval(row["movements_p50_ci95"], 0),
     "movements, 90th percentile": lambda row: (
@@ -121,3 +126,20 @@ _SHOWN: dict[str, Callable[[dict[str, Any]], str]] = {
     "mean tracking time at 2 m/s": lambda row: f"{row['tracking_time_mean_s']['2']:.0f} s",
     "mean tracking time at 5 m/s": lambda row: f"{row['tracking_time_mean_s']['5']:.0f} s",
 }
+_SHOWN_BY_THE_CLOCK: dict[str, Callable[[dict[str, Any]], str]] = {
+    "captured within 60 s": lambda row: _shown_share(row, "60"),
+    "captured within 120 s": lambda row: _shown_share(row, "120"),
+    "captured within 300 s": lambda row: _shown_share(row, "300"),
+    "capture, mean": lambda row: f"{row['capture_s_mean']:.1f} s" + shown_interval(row["capture_s_mean_ci95"], 1),
+    "capture, median": lambda row: f"{row['capture_s_p50']:.1f} s" + shown_interval(row["capture_s_p50_ci95"], 1),
+    "capture, 90th percentile": lambda row: (
+        f"{row['capture_s_p90']:.1f} s" + shown_interval(row["capture_s_p90_ci95"], 1)
+    ),
+    "least distance, mean": lambda row: f"{row['least_distance_m_mean']:.1f} m",
+    "way of the centre, mean": lambda row: f"{row['path_length_m_mean']:.0f} m",
+}
+
+
+def _shown_share(row: dict[str, Any], limit: str) -> str:
+    low, high = row["captured_within_s_ci95"][limit]
+    return f"{100 * row['captured_within_s'][limit]:.1f} %" + shown_interval([100 * low, 100 * high], 1)

@@ -34,6 +34,7 @@ CONTROLLERS = (
     "paper-a3c",
     "random",
     "oracle",
+    "oracle-intercept",
 )
 """``controllers.controller_names()``, those for an unknown channel and those that listen best first."""
 
@@ -48,7 +49,9 @@ def _controller_help(names: Sequence[str]) -> str:
 
 
 ControllerName = Annotated[str, arg(help=_controller_help(CONTROLLERS))]
-ListeningControllerName = Annotated[str, arg(help=_controller_help([name for name in CONTROLLERS if name != "oracle"]))]
+ListeningControllerName = Annotated[
+    str, arg(help=_controller_help([name for name in CONTROLLERS if not name.startswith("oracle")]))
+]
 """Of a live chase, where nobody can tell the oracle where the target is."""
 
 

@@ -100,11 +100,12 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     import torch
 
     from ..controllers import load_controller
+    from ..controllers.oracle import ORACLES
     from ..formation import tracker_position_m
     from ..observation import Observation
 
-    if name == "oracle":
-        raise InputError("the oracle knows where a simulated target is; real ones do not tell")
+    if name in ORACLES:
+        raise InputError(f"{name} knows where a simulated target is; real ones do not tell")
     explain_choice(name, scenario)
     if name == LIVE_CONTROLLER:
         CONSOLE.print(

@@ -42,6 +42,7 @@ _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
     "gradient": GradientController,
     "random": RandomController,
     "oracle": OracleController,
+    "oracle-intercept": partial(OracleController, name="oracle-intercept", knows_velocity=True),
 }
 
 

@@ -32,5 +32,10 @@ class Controller(Protocol):
 class KnowsTarget(Controller, Protocol):
     """A controller that wants to know where the target is; only a simulation can tell it."""
 
-    def told(self, memory: Any, target_position_m: Float[Tensor, "chase 3"]) -> Any:
-        """The memory with the target of every chase in it, float64, in the chase's own frame."""
+    def told(
+        self,
+        memory: Any,
+        target_position_m: Float[Tensor, "chase 3"],
+        target_velocity_mps: Float[Tensor, "chase 3"] | None = None,
+    ) -> Any:
+        """The memory with the target of every chase in it, float64, in the chase's own frame; None where all stand."""

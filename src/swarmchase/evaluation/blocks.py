@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..files import require_writable_folder
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
-from .chases import DEFAULT_BATCH_SIZE, ChaseResult
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult, chase_columns
 from .table import Evaluation, evaluate
 from .tables import Document, Row, checked_row, read_table, write_table
 
@@ -87,7 +87,7 @@ class Block:
         taken for theirs."""
         import pyarrow as pa
 
-        table = pa.Table.from_pylist([dataclasses.asdict(chase) for chase in chases])
+        table = pa.table(chase_columns(chases))
         require_writable_folder(self.path.parent)
         write_table(self.path, table, origin)
 

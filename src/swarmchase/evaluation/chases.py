@@ -1,7 +1,9 @@
 """A controller through many chases, a row of the evaluation's table each: its row is the same for any batch size."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ..batch.streams import ChaseKey
 from ..controllers.protocol import Controller
@@ -20,6 +22,7 @@ class ChaseResult:
     seed: int
     chase: int
     target_x_m: float
+    """Where the target was at the chase's end."""
     target_y_m: float
     target_z_m: float
     movements: int
@@ -27,6 +30,11 @@ class ChaseResult:
     reached: bool
     path_length_m: float
     """Sum of d_m, the distance flown by the centre."""
+    capture_s: float | None = None
+    """From the chase's beginning to when the target was reached, by the clock; where it was not, to the chase's end.
+    None where chases are measured by movements."""
+    least_distance_m: float | None = None
+    """Between centre and target at any time at which it was judged; None as above."""
 
 
 def run_chases(
@@ -48,4 +56,16 @@ def run_chases(
 def _result(scenario: Scenario, key: ChaseKey, state: State, row: int, reached: bool) -> ChaseResult:
     x_m, y_m, z_m = state.target_position_m[row].tolist()
     movements = int(state.movements[row]) if reached else scenario.max_movements + 1
-    return ChaseResult(*key, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
+    result = ChaseResult(*key, x_m, y_m, z_m, movements, reached, float(state.path_length_m[row]))
+    if not scenario.is_told_in_seconds:
+        return result
+    capture_s = float((state.reached_s if reached else state.time_s)[row])
+    return dataclasses.replace(result, capture_s=capture_s, least_distance_m=float(state.least_distance_m[row]))
+
+
+def chase_columns(chases: Sequence[ChaseResult]) -> dict[str, list[Any]]:
+    """The columns of a table of these chases; one of which they have nothing to say is left out."""
+    columns = {
+        field.name: [getattr(chase, field.name) for chase in chases] for field in dataclasses.fields(ChaseResult)
+    }
+    return {name: values for name, values in columns.items() if any(value is not None for value in values)}

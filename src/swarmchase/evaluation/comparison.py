@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..controllers import load_controller, weights_sha256
+from ..controllers.oracle import ORACLES
 from ..controllers.shipped import setting_name
 from ..errors import InputError
 from ..scenario import Scenario
@@ -125,8 +126,8 @@ def save_results(folder: Path, results: Sequence[Result]) -> None:
 
 
 def _told(controller: str, place: Place) -> Scenario:
-    """The oracle knows the target of the world; the others what they are told."""
-    return place.world if controller == "oracle" else place.told
+    """An oracle knows the target of the world; the others what they are told."""
+    return place.world if controller in ORACLES else place.told
 
 
 def summaries(

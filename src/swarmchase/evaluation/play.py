@@ -66,7 +66,7 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
             numbers = [*numbers, *admitted]
         assert state is not None
         if isinstance(controller, KnowsTarget):
-            memory = controller.told(memory, state.target_position_m)
+            memory = controller.told(memory, state.target.position_m, state.target.velocity_mps)
         observation = state.observation()
         began_s = time.perf_counter()
         action, memory = controller.decide(observation, memory)

@@ -4,7 +4,6 @@ The chases are shared out to processes; a chase is a function of its key alone, 
 size and any number of processes.
 """
 
-import dataclasses
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
@@ -25,12 +24,14 @@ from ..processes.children import begin_child, start_helper, starting_children
 from ..processes.stop_request import Interrupted
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
-from .chases import DEFAULT_BATCH_SIZE, ChaseResult, run_chases
-from .statistics import mean_interval, nearest_rank_percentile, percentile_interval
+from .chases import DEFAULT_BATCH_SIZE, ChaseResult, chase_columns, run_chases
+from .statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
 from .tables import write_table
 
 SPEEDS_MPS = (2.0, 5.0)
 """Tracker speeds of Fig. 7."""
+CAPTURED_WITHIN_S = (60.0, 120.0, 300.0)
+"""The share captured within these is told where chases are measured by the clock."""
 SHARE_CHASES = 500
 """A further process is started for every so many chases: for fewer it would cost more time than it saves."""
 LOOK_S = 0.2
@@ -89,17 +90,40 @@ class Evaluation:
             "movements_max": int(movements.max()),
             "tracking_time_mean_s": {f"{speed:g}": float(times_s[speed].mean()) for speed in SPEEDS_MPS},
             "tracking_time_mean_s_ci95": {f"{speed:g}": mean_interval(times_s[speed]) for speed in SPEEDS_MPS},
+            **self._capture(),
             "version": __version__,
+        }
+
+    def _capture(self) -> dict[str, Any]:
+        """Figures of capture by the clock, where that is what chases are measured by.
+
+        A chase without a capture counts as long as it lasted: the limit.
+        """
+        if not (self.world or self.scenario).is_told_in_seconds:
+            return {}
+        capture_s = np.array([chase.capture_s for chase in self.chases])
+        captured_s = np.where([chase.reached for chase in self.chases], capture_s, math.inf)
+        within = {f"{limit_s:g}": int((captured_s <= limit_s).sum()) for limit_s in CAPTURED_WITHIN_S}
+        least_m = np.array([chase.least_distance_m for chase in self.chases])
+        return {
+            "capture_s_mean": float(capture_s.mean()),
+            "capture_s_mean_ci95": mean_interval(capture_s),
+            "capture_s_p50": nearest_rank_percentile(capture_s, 50),
+            "capture_s_p50_ci95": percentile_interval(capture_s, 50),
+            "capture_s_p90": nearest_rank_percentile(capture_s, 90),
+            "capture_s_p90_ci95": percentile_interval(capture_s, 90),
+            "captured_within_s": {limit: number / len(capture_s) for limit, number in within.items()},
+            "captured_within_s_ci95": {
+                limit: share_interval(number, len(capture_s)) for limit, number in within.items()
+            },
+            "least_distance_m_mean": float(least_m.mean()),
+            "path_length_m_mean": float(np.mean([chase.path_length_m for chase in self.chases])),
         }
 
     def save_parquet(self, path: Path) -> None:
         """Write one row a chase, with everything needed to redo it in the file's metadata, whole or not at all."""
         import pyarrow as pa
 
-        columns = {
-            field.name: [getattr(chase, field.name) for chase in self.chases]
-            for field in dataclasses.fields(ChaseResult)
-        }
         times = {f"tracking_time_{speed:g}mps_s": time_s for speed, time_s in self._times_s().items()}
         origin = {
             "version": __version__,
@@ -110,7 +134,7 @@ class Evaluation:
             "weights": self.weights,
             "seed": self.seed,
         }
-        write_table(path, pa.table({**columns, **times}), origin, compression="snappy")
+        write_table(path, pa.table({**chase_columns(self.chases), **times}), origin, compression="snappy")
 
     def _times_s(self) -> dict[float, NDArray[np.float64]]:
         """The time of each chase at each speed; a failed chase's is that of the windows it heard."""

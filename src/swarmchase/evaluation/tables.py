@@ -5,7 +5,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from ..errors import InputError
 from ..files import atomic_path
@@ -80,13 +80,16 @@ def read_rows(path: Path, name: str) -> list[Row]:
 
 
 def checked_row(kind: Callable[..., RowKind], row: Row) -> RowKind:
-    """The dataclass ``kind`` made of a row whose values are of the types that its fields have.
+    """The dataclass ``kind`` made of a row whose values are of the types that its fields have. A field with a default
+    may be missing: older tables have fewer.
 
     Raises:
         TypeError: a value is of another type, or there are too many or too few.
     """
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        if type(row.get(field.name)) is not field.type:
+        if field.name not in row and field.default is not dataclasses.MISSING:
+            continue
+        if type(row.get(field.name)) not in (get_args(field.type) or (field.type,)):
             raise TypeError(f"{field.name} = {shown(row.get(field.name))} is no {field.type}")
     return kind(**row)
 

@@ -1,7 +1,7 @@
-"""The chase itself, batched: the only place that composes target, channel and formation.
+"""The chase itself, batched: the only place that composes target, flight, radio and formation.
 
-One movement is act, move, observe, reward (Section III, Algorithm 1). Axes are (chase, ...); one chase is a
-batch of one. A chase is defined by its key alone, whatever batch it is in.
+A step is: decide, fly, listen (on the way or after arrival: ``pace``), judge, reward (Section III, Algorithm 1). Axes
+are (chase, ...); one chase is a batch of one. A chase is defined by its key alone, whatever batch it is in.
 """
 
 from dataclasses import dataclass
@@ -10,44 +10,64 @@ import torch
 
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
-from ..channel.fading import window_time_s
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
-from ..formation import Action, tracker_position_m
+from ..formation import TRACKER_DIRECTION, Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
+from .behaviours import load_behaviour
+from .behaviours.protocol import Target
+from .pace import Leg, pace_of
 from .radio import Radio, RadioState
-from .target import draw_target_position_m
+from .target import draw_start_m
 
 
 @dataclass(frozen=True)
 class State:
-    """Everything a batch of chases is at one moment.
+    """Everything a batch of chases is at one moment, that of a decision.
 
-    Metres are float64 in the chase's own frame (origin: the centre's start).
+    Metres are float64 in the chase's own frame (origin: the centre's start). A place is one of all samples of the
+    window, or one each.
     """
 
-    target_position_m: Float[Tensor, "chase 3"]
-    """U, where the target is."""
+    target: Target
+    """U, where the target is and how it flies."""
     center_m: Float[Tensor, "chase 3"]
     """O_t, the centre of the swarm."""
+    center_velocity_mps: Float[Tensor, "chase 3"]
+    """How it flies."""
     spacing_m: Float[Tensor, "chase"]
     """d_t, distance of every tracker from the centre."""
     rssi_dbm: Float[Tensor, "chase sample tracker"]
-    """S_t, the window heard at this position, float32."""
+    """S_t, the window heard since the last decision, float32."""
+    sample_time_s: Float[Tensor, "chase sample"]
+    """When it was heard, since the chase began,"""
+    sample_center_m: Float[Tensor, "chase place 3"]
+    """where the centre was,"""
+    sample_spacing_m: Float[Tensor, "chase place"]
+    """and how far from it the trackers were."""
+    time_s: Float[Tensor, "chase"]
+    """Since the chase began."""
     movements: Int[Tensor, "chase"]
     """Movements made so far."""
     path_length_m: Float[Tensor, "chase"]
     """Distance flown by the centre so far."""
-    time_s: Float[Tensor, "chase"]
-    """Since the chase began: when this window began, float64."""
+    least_distance_m: Float[Tensor, "chase"]
+    """Between centre and target so far, while it was judged."""
+    reached_s: Float[Tensor, "chase"]
+    """When the target was reached since the last decision; NaN where it was not."""
     radio: RadioState
     """What the radio carries from window to window."""
 
+    @property
+    def target_position_m(self) -> Float[Tensor, "chase 3"]:
+        """U."""
+        return self.target.position_m
+
     def observation(self) -> Observation:
         """What a controller may see of it."""
-        position_m = tracker_position_m(self.center_m, self.spacing_m)
-        return Observation(self.rssi_dbm, position_m[:, None].expand(-1, self.rssi_dbm.shape[1], -1, -1))
+        places_m = _trackers_m(self.sample_center_m, self.sample_spacing_m)
+        return Observation(self.rssi_dbm, places_m.expand(-1, self.rssi_dbm.shape[1], -1, -1), self.sample_time_s)
 
 
 @dataclass(frozen=True)
@@ -57,84 +77,85 @@ class Outcome:
     reward_m: Float[Tensor, "chase 4"]
     """R^d, R^x, R^y, R^z in this order, float64."""
     reached: Bool[Tensor, "chase"]
-    """The centre is within the success radius: termination."""
+    """The centre has been within the success radius: termination."""
     truncated: Bool[Tensor, "chase"]
     """MAX_STEPS movements are spent and the target is not reached: truncation."""
 
 
 class Environment:
-    """The chase of one scenario on one device."""
+    """The chase of one scenario on one device.
+
+    Raises:
+        InputError: a behaviour nobody knows, or fields of the scenario that do not go together.
+    """
 
     def __init__(self, scenario: Scenario, device: torch.device | str = "cpu") -> None:
         self.scenario = scenario
         self._device = torch.device(device)
         self._radio = Radio(scenario, device)
-        self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
-        self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
+        self._behaviour = load_behaviour(scenario, device)
+        self._pace = pace_of(scenario, self._behaviour, device)
 
     def reset(self, keys: list[ChaseKey], nearness: Float[Tensor, "chase"] | None = None) -> State:
-        """The start of these chases: the target drawn on its sphere, the swarm hovering, its first window heard.
+        """The start of these chases: the target drawn around the swarm, which hovers and hears its first window.
 
         ``nearness`` puts each target at this share of its distance: training may begin anywhere.
         """
-        target_position_m = draw_target_position_m(self.scenario, keys)
+        start_m = draw_start_m(self.scenario, keys)
         if nearness is not None:
-            target_position_m = target_position_m * nearness[:, None]
-        target_position_m = target_position_m.to(self._device)
-        center_m = torch.zeros_like(target_position_m)
+            start_m = start_m * nearness[:, None]
+        start_m = start_m.to(self._device)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
-        time_s = torch.zeros(len(keys), dtype=torch.float64, device=self._device)
-        radio = self._radio.begin(keys)
-        rssi_dbm, radio = self._window_dbm(radio, time_s, target_position_m, center_m, spacing_m)
-        return State(
-            target_position_m=target_position_m,
-            center_m=center_m,
-            spacing_m=spacing_m,
-            rssi_dbm=rssi_dbm,
-            movements=torch.zeros(len(keys), dtype=torch.int64, device=self._device),
-            path_length_m=torch.zeros(len(keys), dtype=torch.float64, device=self._device),
-            time_s=time_s,
-            radio=radio,
-        )
+        leg = self._pace.begin(self._behaviour.begin(keys, start_m), torch.zeros_like(start_m), spacing_m)
+        nothing = torch.zeros(len(keys), dtype=torch.int64, device=self._device)
+        return self._after(leg, spacing_m, nothing, leg.path_length_m, leg.least_distance_m, self._radio.begin(keys))
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
-        """Carry out one action in every chase: act, move, observe, reward.
+        """Carry out one action in every chase: act, fly, listen, judge.
 
         Raises:
-            InputError: an action outside the action sets of Section III.A, or for another number of chases.
+            InputError: an action that the scenario's pace does not allow, or for another number of chases.
         """
         self._require_allowed(state, action)
-        center_m = state.center_m + action.displacement_m
-        travel_m = action.displacement_m.norm(dim=1)
-        time_s = state.time_s + self.scenario.window_s + travel_m / self.scenario.tracker_speed_mps
-        rssi_dbm, radio = self._window_dbm(state.radio, time_s, state.target_position_m, center_m, action.spacing_m)
-        following = State(
-            target_position_m=state.target_position_m,
-            center_m=center_m,
-            spacing_m=action.spacing_m,
-            rssi_dbm=rssi_dbm,
-            movements=state.movements + 1,
-            path_length_m=state.path_length_m + travel_m,
-            time_s=time_s,
-            radio=radio,
+        leg = self._pace.fly(state, action)
+        path_length_m = state.path_length_m + leg.path_length_m
+        least_distance_m = torch.minimum(state.least_distance_m, leg.least_distance_m)
+        following = self._after(
+            leg, action.spacing_m, state.movements + 1, path_length_m, least_distance_m, state.radio
         )
         return following, self._outcome(state, following)
 
-    def _window_dbm(
+    def _after(
         self,
-        radio: RadioState,
-        begin_s: Float[Tensor, "chase"],
-        target_position_m: Float[Tensor, "chase 3"],
-        center_m: Float[Tensor, "chase 3"],
+        leg: Leg,
         spacing_m: Float[Tensor, "chase"],
-    ) -> tuple[Float[Tensor, "chase sample tracker"], RadioState]:
-        """The window that a swarm hovering here hears from this moment on."""
-        trackers_m = tracker_position_m(center_m, spacing_m)
-        time_s = window_time_s(self.scenario, begin_s)
-        return self._radio.heard_dbm(radio, time_s, target_position_m[:, None], trackers_m[:, None])
+        movements: Int[Tensor, "chase"],
+        path_length_m: Float[Tensor, "chase"],
+        least_distance_m: Float[Tensor, "chase"],
+        radio: RadioState,
+    ) -> State:
+        """Listen on a leg."""
+        trackers_m = _trackers_m(leg.sample_center_m, leg.sample_spacing_m)
+        rssi_dbm, radio = self._radio.heard_dbm(radio, leg.sample_time_s, leg.sample_target_m, trackers_m)
+        return State(
+            target=leg.target,
+            center_m=leg.center_m,
+            center_velocity_mps=leg.velocity_mps,
+            spacing_m=spacing_m,
+            rssi_dbm=rssi_dbm,
+            sample_time_s=leg.sample_time_s,
+            sample_center_m=leg.sample_center_m,
+            sample_spacing_m=leg.sample_spacing_m,
+            time_s=leg.time_s,
+            movements=movements,
+            path_length_m=path_length_m,
+            least_distance_m=least_distance_m,
+            reached_s=leg.reached_s,
+            radio=radio,
+        )
 
     def _outcome(self, before: State, after: State) -> Outcome:
-        reached = distance_to_target_m(after) <= self.scenario.success_radius_m
+        reached = ~after.reached_s.isnan()
         return Outcome(
             reward_m=distance_reduction_m(before, after),
             reached=reached,
@@ -148,14 +169,14 @@ class Environment:
                 f"an action of shapes {tuple(given[0].shape)} and {tuple(given[1].shape)} is refused: "
                 f"{len(state.spacing_m)} chases need spacing_m [chase] and displacement_m [chase, 3]"
             )
-        _require_choices("spacing_m", action.spacing_m, self._spacing_choices_m)
-        _require_choices("displacement_m", action.displacement_m, self._displacement_choices_m)
+        self._pace.require_allowed(action)
 
 
-def _require_choices(name: str, value: Float[Tensor, "..."], choices: Float[Tensor, "choice"]) -> None:
-    allowed = torch.isin(value, choices)
-    if not allowed.all():
-        raise InputError(f"{name} = {value[~allowed][0].item()} is refused: allowed is one of {choices.tolist()}")
+def _trackers_m(
+    center_m: Float[Tensor, "chase place 3"], spacing_m: Float[Tensor, "chase place"]
+) -> Float[Tensor, "chase place tracker 3"]:
+    """Where the trackers are around each place of their centre."""
+    return center_m[:, :, None] + spacing_m[:, :, None, None] * TRACKER_DIRECTION.to(center_m.device)
 
 
 def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
