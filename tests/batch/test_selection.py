@@ -20,7 +20,27 @@ from swarmchase.world.environment import Environment
 
 LOSSY = {"missing_sample_share": 0.2}
 RUNNING = {"continuity": "continuous", "los_phase": "independent"}
-WORLDS = [{}, {"los_phase": "independent"}, {"continuity": "continuous"}, LOSSY, RUNNING]
+REAL = {
+    "continuity": "in_flight",
+    "los_phase": "independent",
+    "transmit_power_error_db": 6.0,
+    "path_loss_exponent_error": 0.5,
+    "shadowing_db": 3.0,
+    "ground_reflection": 0.5,
+    "transmit_duty": 0.4,
+    "silence_s": 4.0,
+    "receiver_offset_db": 3.0,
+    "missing_sample_share": 0.2,
+    "missing_burst_s": 0.5,
+    "receiver_step_db": 1.0,
+    "receiver_floor_dbm": -95.0,
+    "receiver_ceiling_dbm": -20.0,
+    "wrong_trackers": 1,
+    "stuck_trackers": 1,
+    "silent_trackers": 1,
+    "garbage_share": 0.05,
+}
+WORLDS = [{}, {"los_phase": "independent"}, {"continuity": "continuous"}, LOSSY, RUNNING, REAL]
 
 
 def fresh(world, num_chases, movements=0):

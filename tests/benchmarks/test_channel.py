@@ -73,6 +73,23 @@ def test_the_result_says_what_was_measured() -> None:
                 assert result[f"ratio_to_{name}"][frequency_hz] == pytest.approx(ours / rate)
     shown = shown_text(result)
     assert f"{result['windows_per_s'][benchmark.OURS]['100']:,.0f}" in shown
+    costs = result["in_flight_cost_over_drawn_windows"]
+    assert set(costs) == {"20", "100"}
+    assert all(f"{cost:.1f} times as much" in shown for cost in costs.values())
+
+
+@pytest.mark.parametrize(("sampling_hz", "num_samples"), [(20, 10), (100, 50)])
+def test_a_flight_is_drawn_call_after_call(sampling_hz: float, num_samples: int) -> None:
+    """From the last sample of a call to the first of the next it goes as far as from any sample to the next."""
+    draw = benchmark.fading_in_flight(paper_scenario(continuity="in_flight", sampling_hz=sampling_hz), num_samples)
+    calls = [draw() for _ in range(20)]
+    h = torch.cat(calls, dim=3)
+    assert h.shape == (benchmark.FLYING_CHASES, 6, 2, 20 * num_samples)
+    step = h.diff(dim=3).square().sum(dim=2).mean(dim=(0, 1))
+    seams = torch.arange(num_samples - 1, len(step), num_samples)
+    expected = 0.5 * (1 - j0(2 * np.pi * benchmark.FLYING_MPS / sampling_hz * 3e9 / 299_792_458))
+    assert step.mean().item() == pytest.approx(expected, rel=0.03)
+    assert step[seams].mean().item() == pytest.approx(expected, rel=0.1)
 
 
 def shown_text(result: dict[str, Any]) -> str:

@@ -121,6 +121,8 @@ WORLDS = [
     pytest.param(paper_scenario(sampling_hz=100, los_phase="independent"), id="independent phases"),
     pytest.param(paper_scenario(continuity="continuous"), id="continuous"),
     pytest.param(paper_scenario(continuity="continuous", los_phase="independent"), id="continuous, independent phases"),
+    pytest.param(paper_scenario(continuity="in_flight"), id="in flight"),
+    pytest.param(paper_scenario(continuity="in_flight", los_phase="independent"), id="in flight, independent phases"),
     pytest.param(paper_scenario(window_samples=1), id="one sample"),
     pytest.param(paper_scenario(window_samples=7, doppler_spread_hz=0), id="no Doppler"),
 ]
@@ -171,7 +173,7 @@ def test_the_running_process_is_a_function_of_time() -> None:
     assert torch.allclose(some, first.gather(3, sample[:, None, None].expand(3, 6, 2, 3)), atol=2e-6)
 
 
-@pytest.mark.parametrize("continuity", ["independent", "continuous"])
+@pytest.mark.parametrize("continuity", ["independent", "continuous", "in_flight"])
 def test_edges_are_what_the_formula_says(continuity: str) -> None:
     def drawn(**changes: object) -> torch.Tensor:
         scenario = paper_scenario(continuity=continuity, **changes)
@@ -181,7 +183,7 @@ def test_edges_are_what_the_formula_says(continuity: str) -> None:
     still = drawn(doppler_spread_hz=0)
     assert torch.allclose(still, still[..., :1].expand_as(still), atol=1e-5)  # constant within a window
     assert torch.allclose(still[:, 0], still[:, 1], atol=1e-5) == (
-        continuity == "continuous"
+        continuity != "independent"
     )  # and if running, for ever
     alike = drawn(spatial_correlation=1)
     assert torch.allclose(alike, alike[:, :, :1].expand_as(alike), atol=1e-5)  # all trackers hear the same
@@ -194,7 +196,7 @@ def test_edges_are_what_the_formula_says(continuity: str) -> None:
 
 def test_independent_phases_stay_with_a_running_process_only() -> None:
     """Without scattering h is the line of sight: one phase per tracker, redrawn with every independent window."""
-    for continuity, stays in (("continuous", True), ("independent", False)):
+    for continuity, stays in (("continuous", True), ("in_flight", True), ("independent", False)):
         scenario = paper_scenario(rician_k=1e12, los_phase="independent", continuity=continuity)
         process = fading_process(scenario)
         drawn = windows(process, scenario, process.begin(chase_keys(9, 20)), 2)
@@ -211,7 +213,7 @@ CHANGES = st.fixed_dictionaries(
         "doppler_spread_hz": st.sampled_from([0.0, 1e-6, 1.0, 20.0]),
         "window_samples": st.integers(1, 20),
         "sampling_hz": st.floats(0.5, 1000),
-        "continuity": st.sampled_from(["independent", "continuous"]),
+        "continuity": st.sampled_from(["independent", "continuous", "in_flight"]),
         "los_phase": st.sampled_from(["common", "independent"]),
     }
 )

@@ -50,6 +50,7 @@ def separate_trackers(continuity: str = "independent") -> np.ndarray:
 # Every rho with both samplers, and the longest and the shortest window with both.
 COVARIANCE_CASES = [(rho, 10, "independent") for rho in CORRELATIONS]
 COVARIANCE_CASES += [(0.5, 100, "independent"), (0.1, 20, "continuous"), (0.9, 100, "continuous")]
+COVARIANCE_CASES += [(0.1, 20, "in_flight"), (0.9, 10, "in_flight")]
 
 
 @pytest.mark.parametrize(("rho", "sampling_hz", "continuity"), COVARIANCE_CASES)
@@ -104,7 +105,7 @@ def test_every_tracker_has_unit_power_and_the_same_k(rician_k: float, rho: float
         assert line_of_sight_share / (1 - line_of_sight_share) == pytest.approx(rician_k, rel=0.08)
 
 
-@pytest.mark.parametrize("continuity", ["independent", "continuous"])
+@pytest.mark.parametrize("continuity", ["independent", "continuous", "in_flight"])
 def test_power_autocovariance_within_a_window(continuity: str) -> None:
     """(2K J0 + J0^2) / (K + 1)^2 at lags 0, .1, ... 2 s: it starts at 7/16."""
     power = np.abs(separate_trackers(continuity)) ** 2
@@ -138,7 +139,7 @@ def test_power_correlation_between_trackers(los_phase: str, rician_k: float, rho
     assert np.abs(pairs - correlation).max() < 0.035
 
 
-@pytest.mark.parametrize("continuity", ["independent", "continuous"])
+@pytest.mark.parametrize("continuity", ["independent", "continuous", "in_flight"])
 def test_fades_come_as_often_as_rice_crosses_its_level(continuity: str) -> None:
     """sqrt(2 pi (K + 1)) f_d r exp(-K - (K + 1) r^2) I0(2 r sqrt(K (K + 1))) upward crossings of r a second."""
     scenario = paper_scenario(sampling_hz=100, spatial_correlation=0, continuity=continuity)
@@ -155,7 +156,13 @@ def test_fades_come_as_often_as_rice_crosses_its_level(continuity: str) -> None:
 
 @pytest.mark.parametrize(
     ("continuity", "travel_s"),
-    [("continuous", 0.0), ("continuous", 0.4), ("continuous", 1.386), ("independent", 0.0)],  # 0, 2 and 6.9 m at 5 m/s
+    [
+        ("continuous", 0.0),
+        ("continuous", 0.4),
+        ("continuous", 1.386),
+        ("in_flight", 0.4),
+        ("independent", 0.0),
+    ],  # 0, 2 and 6.9 m at 5 m/s
 )
 @pytest.mark.parametrize("sampling_hz", [20, 100])
 def test_covariance_across_a_window_boundary(sampling_hz: float, continuity: str, travel_s: float) -> None:
@@ -168,5 +175,5 @@ def test_covariance_across_a_window_boundary(sampling_hz: float, continuity: str
     first, second = as_complex(first).reshape(-1, 50), as_complex(second).reshape(-1, 50)
     sample = np.arange(50)
     lag_s = (50 - sample[:, None] + sample) / sampling_hz + travel_s
-    expected = j0(2 * np.pi * lag_s) if continuity == "continuous" else np.zeros((50, 50))
+    expected = j0(2 * np.pi * lag_s) if continuity != "independent" else np.zeros((50, 50))
     assert np.abs(first.T @ second.conj() / len(first) - expected).max() < 0.03  # 24 000 pairs

@@ -12,12 +12,13 @@ from swarmchase.batch.streams import chase_keys
 from swarmchase.formation import action_from_choice
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.environment import Environment, State
-from swarmchase.world.receivers import Receivers
+from swarmchase.world.receivers import GARBAGE_DBM, WRONG_DB, Receivers
 
 FAULTS = {
     "offsets": {"receiver_offset_db": 3.0},
     "silence": {"silent_trackers": 2},
     "losses": {"missing_sample_share": 0.2},
+    "bursts": {"missing_sample_share": 0.2, "missing_burst_s": 1.0},
     "all": {"receiver_offset_db": 3.0, "silent_trackers": 1, "missing_sample_share": 0.3},
 }
 EVERY_FAULT = pytest.mark.parametrize("changes", FAULTS.values(), ids=FAULTS.keys())
@@ -172,3 +173,125 @@ def test_a_batch_cut_joined_and_filed_goes_on_as_if_nothing_had_been(changes: di
         for name in ("offset_db", "silent"):
             one, other = getattr(found.radio.receivers, name), getattr(expected.radio.receivers, name)
             assert one is other is None or np.array_equal(one, other[order])
+
+
+# What real receivers do beside.
+
+
+def reported(scenario: Scenario, arriving_dbm: torch.Tensor, seed: int = 4) -> torch.Tensor:
+    receivers = Receivers(scenario)
+    state = receivers.begin(chase_keys(seed, len(arriving_dbm)))
+    return receivers.reported_dbm(state, sample_times_s(*arriving_dbm.shape[:2]), arriving_dbm)[0]
+
+
+def arriving(num_chases: int, num_samples: int) -> torch.Tensor:
+    """Levels around -60 dBm, from -100 to -20."""
+    drawn = np.random.default_rng(7).uniform(-100, -20, (num_chases, num_samples, 6))
+    return torch.from_numpy(drawn).float()
+
+
+def test_steps_floor_and_ceiling_by_hand() -> None:
+    scenario = world(receiver_step_db=2.0, receiver_floor_dbm=-95.0, receiver_ceiling_dbm=-30.5)
+    levels_dbm = torch.tensor([[[-95.01, -94.99, -60.9, -61.1, -30.0, -12.0]]])
+    found = reported(scenario, levels_dbm)[0, 0]
+    assert found[0].isnan()
+    assert found[1:].tolist() == [-94, -60, -62, -30.5, -30.5]
+    levels_dbm = arriving(20, 30)
+    half = reported(world(receiver_step_db=0.5), levels_dbm)
+    assert torch.equal(half * 2, (half * 2).round())
+    assert (half - levels_dbm).abs().max() <= 0.25 + 1e-5
+    assert reported(world(receiver_floor_dbm=-70.0), levels_dbm).nan_to_num(0).min() >= -70
+    assert reported(world(receiver_ceiling_dbm=-40.0), levels_dbm).max() == -40
+
+
+@pytest.mark.parametrize("number", [1, 3, 6])
+def test_wrong_trackers_are_off_by_twenty_db_either_way(number: int) -> None:
+    levels_dbm = arriving(2_000, 5)
+    off_db = (reported(world(wrong_trackers=number), levels_dbm) - levels_dbm).mean(dim=1)
+    wrong = off_db.abs() > 10
+    assert (wrong.sum(dim=1) == number).all()
+    assert off_db[wrong].abs() == pytest.approx(torch.full_like(off_db[wrong], WRONG_DB), abs=1e-3)
+    assert (off_db[wrong] > 0).double().mean().item() == pytest.approx(0.5, abs=0.05)
+    assert wrong.double().mean(dim=0) == pytest.approx(torch.full((6,), number / 6).double(), abs=0.045)
+    assert off_db[~wrong].abs().max().item() < 1e-3 if number < 6 else wrong.all()
+
+
+def test_a_stuck_tracker_keeps_the_first_level_that_it_has_heard() -> None:
+    levels_dbm = arriving(300, 20)
+    levels_dbm[:, :3] = torch.nan  # the target begins to transmit late
+    levels_dbm[:, 7:9] = torch.nan
+    levels_dbm[0, :] = torch.nan  # or never
+    found = reported(world(stuck_trackers=2), levels_dbm)
+    assert found[:, :3].isnan().all()
+    assert found[0].isnan().all()
+    stuck = (found[1:, 3:] == levels_dbm[1:, 3:4]).all(dim=1)
+    assert (stuck.sum(dim=1) == 2).all()
+    others = ~stuck[:, None].expand(-1, 20, -1)
+    assert same(found[1:][others], levels_dbm[1:][others])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
+def test_garbage_is_what_receivers_have_been_seen_to_report(share: float) -> None:
+    """72,000 samples; each value as often as any other."""
+    levels_dbm = arriving(600, 20)
+    found = reported(world(garbage_share=share), levels_dbm)
+    is_garbage = torch.isin(found, torch.tensor(GARBAGE_DBM))
+    assert is_garbage.double().mean().item() == pytest.approx(share, abs=0.008)
+    assert same(found[~is_garbage], levels_dbm[~is_garbage])
+    for value_dbm in GARBAGE_DBM:
+        part = (found == value_dbm).double().mean().item()
+        assert part == pytest.approx(share / len(GARBAGE_DBM), abs=0.005), value_dbm
+    silent = torch.full((600, 20, 6), torch.nan)
+    assert reported(world(garbage_share=share), silent).isfinite().double().mean().item() == pytest.approx(
+        share, abs=0.008
+    )
+
+
+@pytest.mark.parametrize(("share", "burst_s"), [(0.2, 1.0), (0.5, 0.4), (0.1, 3.0)])
+def test_gaps_have_their_share_and_last_as_long_as_they_should(share: float, burst_s: float) -> None:
+    """600 chases of 60 s: gaps are each tracker's own, and as many as share x 60 s / their length."""
+    scenario = world(missing_sample_share=share, missing_burst_s=burst_s)
+    missing = reported(scenario, torch.zeros(600, 600, 6)).isnan()
+    assert missing.double().mean().item() == pytest.approx(share, abs=0.012)
+    begun = (missing[:, 1:] & ~missing[:, :-1]).sum().item()
+    # The chance to be in a gap 0.1 s after none.
+    expected = (1 - share) * share * (1 - np.exp(-0.1 / (burst_s * (1 - share)))) * 600 * 599 * 6
+    assert begun == pytest.approx(expected, rel=0.05)
+    assert (torch.corrcoef(missing.flatten(0, 1).double().T) - torch.eye(6)).abs().max() < 0.05
+
+
+REAL: dict[str, float] = {
+    "receiver_offset_db": 3.0,
+    "silent_trackers": 1,
+    "missing_sample_share": 0.3,
+    "missing_burst_s": 0.5,
+    "receiver_step_db": 0.5,
+    "receiver_floor_dbm": -90.0,
+    "receiver_ceiling_dbm": -30.0,
+    "wrong_trackers": 1,
+    "stuck_trackers": 2,
+    "garbage_share": 0.1,
+}
+
+
+@pytest.mark.parametrize("left_out", ["nothing", "missing_burst_s", "missing_sample_share", "garbage_share"])
+def test_what_is_reported_is_the_same_in_pieces_and_in_any_batch(left_out: str) -> None:
+    scenario = world(**{name: value for name, value in REAL.items() if name != left_out})
+    receivers, keys = Receivers(scenario), chase_keys(4, 12)
+    levels_dbm, time_s = arriving(12, 40), sample_times_s(12, 40)
+    whole, _ = receivers.reported_dbm(receivers.begin(keys), time_s, levels_dbm)
+    for rows in ([0], [11, 4], list(range(12))):
+        state, pieces = receivers.begin([keys[row] for row in rows]), []
+        for first, end in ((0, 1), (1, 2), (2, 25), (25, 40)):
+            piece, state = receivers.reported_dbm(state, time_s[rows, first:end], levels_dbm[rows, first:end])
+            pieces.append(piece)
+        assert same(torch.cat(pieces, dim=1), whole[rows])
+
+
+def test_a_new_fault_leaves_the_old_ones_as_they_were() -> None:
+    """Offsets and silence are drawn before all that came later."""
+    old = Receivers(world(receiver_offset_db=3, silent_trackers=2)).begin(chase_keys(4, 50))
+    new = Receivers(world(**{**REAL, "silent_trackers": 2, "wrong_trackers": 0})).begin(chase_keys(4, 50))
+    assert old.offset_db is not None
+    assert torch.equal(old.offset_db, new.offset_db)
+    assert torch.equal(old.silent, new.silent)

@@ -9,6 +9,9 @@ Every sampler runs at the batch size that suits it best. The samplers take turns
 turns of two rates measured one right after the other. Time is CPU time of the process, so that other work on the
 machine disturbs little; with one thread it is what a free core would need.
 
+Beside them stands what fading in flight costs over windows drawn anew, for as many samples of as many chases: from one
+decision to the next while all fly at 10 m/s, no peer has that.
+
 The peers come with ``pip install swarmchase[benchmark]``. pyphysim pins old versions of packages it needs elsewhere;
 its fading generators run with ``pip install --no-deps pyphysim==0.7.2 && pip install numba`` too.
 """
@@ -26,7 +29,7 @@ import numpy as np
 import torch
 
 from ..batch.streams import chase_keys
-from ..channel.fading import window_time_s
+from ..channel.fading import Fading, window_time_s
 from ..channel.fading_process import fading_process
 from ..channel.propagation import path_loss_db
 from ..scenario import NUM_TRACKERS, Scenario, paper_scenario
@@ -40,6 +43,11 @@ SAMPLING_HZ = (10, 20, 50, 100)
 PYPHYSIM_RAYS = 8
 """pyphysim's default number of rays: few, which is to its advantage here and to the disadvantage of its statistics."""
 DISTANCE_M = 100.0
+FLIGHTS = {"20": 10, "100": 50}
+"""Samples of half a second between two decisions, by sampling frequency in hertz."""
+FLYING_CHASES = 256
+FLYING_MPS = 10.0
+"""Of every tracker as the target sees it."""
 
 Draw = Callable[[], Any]
 """Draws one batch of windows, [window, sample, tracker] in dBm, as a tensor or a numpy array."""
@@ -102,6 +110,23 @@ def commpy_windows(scenario: Scenario, batch: int) -> Draw:
     return draw
 
 
+def fading_in_flight(scenario: Scenario, num_samples: int) -> Draw:
+    """The fading of the next samples of a flight, call after call; a scenario may draw it anew each time."""
+    fading: Fading[Any] = fading_process(scenario)
+    state = fading.begin(chase_keys(1, FLYING_CHASES))
+    time_s = torch.arange(1, num_samples + 1, dtype=torch.float64).expand(FLYING_CHASES, -1) / scenario.sampling_hz
+    moved_m = torch.full((*time_s.shape, NUM_TRACKERS), FLYING_MPS / scenario.sampling_hz, dtype=torch.float64)
+    flown_s = 0.0
+
+    def draw() -> Any:
+        nonlocal state, flown_s
+        h, state = fading.gain(state, time_s + flown_s, moved_m)
+        flown_s += num_samples / scenario.sampling_hz
+        return h
+
+    return draw
+
+
 OURS = "swarmchase"
 SAMPLERS: dict[str, Prepare] = {
     OURS: swarmchase_windows,
@@ -137,6 +162,7 @@ def measure(
                 for name, draw in draws.items():
                     batch = batches[name][str(frequency_hz)]
                     rates[name][str(frequency_hz)].append(_windows_per_s(draw, batch, turn_s))
+        in_flight = {at: _cost_in_flight(float(at), samples, turn_s, repeats) for at, samples in FLIGHTS.items()}
     return {
         "benchmark": "channel",
         "cpu": _cpu_name(),
@@ -149,6 +175,7 @@ def measure(
         "batch_windows": batches,
         "windows_per_s": {name: {at: statistics.median(turns) for at, turns in rates[name].items()} for name in names},
         **{f"ratio_to_{peer}": _ratio(rates[OURS], rates[peer]) for peer in names if peer != OURS},
+        "in_flight_cost_over_drawn_windows": in_flight,
         "not_measured": refused,
         "notes": {
             "pyphysim": f"{PYPHYSIM_RAYS} rays; correlation, line of sight and dB added in numpy",
@@ -173,6 +200,11 @@ def table(result: dict[str, Any]) -> "Table":
         cells = [f"{rates[name][frequency_hz]:,.0f}" for name in rates]
         cells += [f"{result[f'ratio_to_{peer}'][frequency_hz]:.1f}" for peer in peers]
         shown.add_row(frequency_hz, *cells)
+    costs = result["in_flight_cost_over_drawn_windows"]
+    shown.caption = f"{shown.caption}\nfading in flight costs " + ", ".join(
+        f"{cost:.1f} times as much as drawn windows at {at} Hz ({FLIGHTS[at]} samples a call)"
+        for at, cost in costs.items()
+    )
     for name, reason in result["not_measured"].items():
         shown.caption = f"{shown.caption}\n{name} is not measured: {reason}"
     return shown
@@ -185,6 +217,20 @@ def _windows_per_s(draw: Draw, batch: int, turn_s: float) -> float:
         draw()
         num_windows += batch
     return num_windows / elapsed_s
+
+
+def _cost_in_flight(sampling_hz: float, num_samples: int, turn_s: float, repeats: int) -> float:
+    """CPU time of a sample of fading in flight over that of a sample of a window drawn anew."""
+    drawn, in_flight = (
+        fading_in_flight(paper_scenario(sampling_hz=sampling_hz, continuity=continuity), num_samples)
+        for continuity in ("independent", "in_flight")
+    )
+    drawn()
+    in_flight()
+    return statistics.median(
+        _windows_per_s(drawn, FLYING_CHASES, turn_s) / _windows_per_s(in_flight, FLYING_CHASES, turn_s)
+        for _ in range(repeats)
+    )
 
 
 def _fastest(prepare: Prepare, scenario: Scenario, batch_sizes: tuple[int, ...], trial_s: float) -> tuple[int, Draw]:

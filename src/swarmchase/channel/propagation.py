@@ -37,8 +37,8 @@ def unfaded_dbm(scenario: Scenario, distance_m: Float[Tensor, "*batch"]) -> Floa
 
 
 def ground_reflection_db(
-    scenario: Scenario, target_position_m: Float[Tensor, "*batch 3"], tracker_position_m: Float[Tensor, "*batch 3"]
-) -> Float[Tensor, "*batch"]:
+    scenario: Scenario, target_position_m: Float[Tensor, "*#batch 3"], tracker_position_m: Float[Tensor, "*#batch 3"]
+) -> Float[Tensor, "*#batch"]:
     """What the ray that the ground reflects adds to the direct one: the two-ray model over flat ground.
 
     20 log10 |1 - g d / d' exp(-j 2 pi (d' - d) f_c / c)|, at least ``DEEPEST_FADE_DB``: g is ``ground_reflection``, d

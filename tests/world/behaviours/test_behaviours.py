@@ -334,20 +334,26 @@ def test_a_behaviour_that_flies_needs_a_speed():
 
 @pytest.fixture
 def plug_in(tmp_path, monkeypatch):
-    """Another package that is installed and offers two behaviours, one of them of a module that is not there."""
+    """Another package that is installed and offers three behaviours: one is not there, and one is none."""
     (tmp_path / "spirals.py").write_text(
         "from swarmchase.world.behaviours.hover import Hover\n\n\nclass Spiral(Hover):\n    is_still = False\n"
     )
     about = tmp_path / "spirals-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: spirals\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[swarmchase.behaviours]\nspiral = spirals:Spiral\nlost = nowhere:Lost\n")
+    (about / "entry_points.txt").write_text(
+        "[swarmchase.behaviours]\nspiral = spirals:Spiral\nlost = nowhere:Lost\nnone = builtins:slice\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
 
 
 @pytest.mark.usefixtures("plug_in")
 def test_other_packages_can_bring_behaviours():
-    assert behaviour_names()[-2:] == ["lost", "spiral"]
+    assert behaviour_names()[-3:] == ["lost", "none", "spiral"]
     assert not load_behaviour(paper_scenario(behaviour="spiral")).is_still
     with pytest.raises(InputError, match=r"^behaviour 'lost' of nowhere:Lost cannot be loaded: No module named"):
         load_behaviour(paper_scenario(behaviour="lost"))
+    with pytest.raises(
+        InputError, match=r"^behaviour 'none' of builtins:slice has not all of begin, fly and is_still$"
+    ):
+        load_behaviour(paper_scenario(behaviour="none"))

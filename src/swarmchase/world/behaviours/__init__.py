@@ -57,9 +57,11 @@ def load_behaviour(scenario: Scenario, device: torch.device | str = "cpu") -> Be
         return Track(scenario, device)
     for plug_in in entry_points(group=PLUG_INS, name=name):
         try:
-            made: Behaviour = plug_in.load()(scenario, device)
+            made = plug_in.load()(scenario, device)
         except (ImportError, AttributeError, TypeError) as error:
             raise InputError(f"behaviour {shown(name)} of {plug_in.value} cannot be loaded: {error}") from error
+        if not isinstance(made, Behaviour):
+            raise InputError(f"behaviour {shown(name)} of {plug_in.value} has not all of begin, fly and is_still")
         return made
     near = difflib.get_close_matches(name, behaviour_names(), n=1)
     raise InputError(
