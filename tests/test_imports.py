@@ -134,7 +134,7 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 
 def test_walker_sees_what_is_there() -> None:
     """The tests below would pass on nothing at all."""
-    assert imports("world.environment")[0] >= {"channel.fading", "formation", "world.target", "scenario"}
+    assert imports("world.environment")[0] >= {"channel.propagation", "formation", "world.target", "scenario"}
     assert imports("training.losses")[0] >= {"batch.array_types", "observation", "training.rollout"}
     assert imports("training.losses")[1] >= {"dataclasses", "typing", "torch"}
     assert "training.a3c" in imports("commands.train")[0]  # inside a function

@@ -65,7 +65,7 @@ def test_oracle_holds_still_where_nobody_has_told_it():
 def test_playing_tells_the_oracle_the_target_of_the_run():
     oracle, told_m = OracleController(paper_scenario()), []
     tell = oracle.told
-    oracle.told = lambda memory, target_position_m: told_m.append(target_position_m) or tell(memory, target_position_m)
+    oracle.told = lambda memory, target_m, velocity_mps: told_m.append(target_m) or tell(memory, target_m, velocity_mps)
     next(play(paper_scenario(), oracle, 8, range(5, 8), 3))
     state = Environment(paper_scenario()).reset(chase_keys(8, 3, 5))
     assert torch.equal(told_m[0], state.target_position_m)

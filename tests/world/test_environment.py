@@ -15,7 +15,7 @@ from swarmchase.batch.streams import ChaseStreams, chase_keys
 from swarmchase.benchmarks import environment as benchmark
 from swarmchase.errors import InputError
 from swarmchase.formation import Action, action_from_choice
-from swarmchase.scenario import paper_scenario
+from swarmchase.scenario import load_scenario, paper_scenario
 from swarmchase.world.environment import Environment, distance_to_target_m
 from swarmchase.world.target import draw_target_position_m
 
@@ -29,7 +29,7 @@ def situation(environment, target_m, center_m=(0, 0, 0), movements=0):
     state = environment.reset([(0, 0)])
     return replace(
         state,
-        target_position_m=vector(target_m),
+        target=replace(state.target, position_m=vector(target_m)),
         center_m=vector(center_m),
         movements=torch.tensor([movements]),
     )
@@ -108,8 +108,8 @@ def test_a_movement_carries_centre_spacing_path_and_clock(environment):
     assert state.center_m.tolist() == [[0, 2, 4]]
     assert state.spacing_m.tolist() == [3]
     assert state.path_length_m.tolist() == [4 + 6]  # |(-4, 2, 4)| = 6
-    # Two windows of 50 / 10 Hz and 10 m at 5 m/s (Section IV, tau).
-    assert state.time_s.tolist() == pytest.approx([2 * 5 + 10 / 5])
+    # Three windows of 50 / 10 Hz, the first before any movement, and 10 m at 5 m/s (Section IV, tau).
+    assert state.time_s.tolist() == pytest.approx([3 * 5 + 10 / 5])
 
 
 def test_a_chase_starts_at_the_origin_at_the_initial_spacing(environment):
@@ -163,6 +163,10 @@ WORLDS = [
     {"continuity": continuity, "los_phase": los_phase}
     for continuity, los_phase in itertools.product(["independent", "continuous"], ["common", "independent"])
 ]
+MOVING_WORLDS = [
+    {"behaviour": "wander", "target_speed_mps": 5.0, "continuity": "continuous"},
+    {**load_scenario("rough").to_dict(), "behaviour": "jink", "target_speed_mps": 8.0, "alert_distance_m": 100.0},
+]
 
 
 def trajectory(environment, keys, choices):
@@ -180,18 +184,18 @@ def trajectory(environment, keys, choices):
 @given(
     batch_and_row=st.integers(1, 150).flatmap(lambda size: st.tuples(st.just(size), st.integers(0, size - 1))),
     first=st.integers(0, 10**6),
-    world=st.sampled_from(WORLDS),
+    world=st.sampled_from([*WORLDS, *MOVING_WORLDS]),
 )
 def test_a_chase_is_the_same_alone_and_anywhere_in_any_batch(batch_and_row, first, world):
     """Bit for bit, its random streams included."""
-    environment = Environment(paper_scenario(window_samples=17, **world))
+    environment = Environment(paper_scenario(**{**world, "window_samples": 17}))
     size, row = batch_and_row
     choices = [[0, 4, 3, 2], [3, 0, 2, 4]]
     batch = trajectory(environment, chase_keys(9, size, first), choices)
     alone = trajectory(environment, chase_keys(9, 1, first + row), choices)
     for (batch_tensors, batch_streams), (tensors, streams) in zip(batch, alone, strict=True):
         for name, value in tensors.items():
-            assert torch.equal(batch_tensors[name][row : row + 1], value), name
+            torch.testing.assert_close(batch_tensors[name][row : row + 1], value, rtol=0, atol=0, equal_nan=True)
         for name, positions in streams.items():
             assert batch_streams[name][row : row + 1] == positions, name
 

@@ -16,7 +16,7 @@ from ..formation import TRACKER_DIRECTION, Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
 from .behaviours import load_behaviour
-from .behaviours.protocol import Target
+from .behaviours.protocol import Swarm, Target
 from .pace import Leg, pace_of
 from .radio import Radio, RadioState
 from .target import draw_start_m
@@ -106,7 +106,8 @@ class Environment:
             start_m = start_m * nearness[:, None]
         start_m = start_m.to(self._device)
         spacing_m = torch.full((len(keys),), self.scenario.initial_spacing_m, dtype=torch.float64, device=self._device)
-        leg = self._pace.begin(self._behaviour.begin(keys, start_m), torch.zeros_like(start_m), spacing_m)
+        hovering = Swarm(torch.zeros_like(start_m), torch.zeros_like(start_m))
+        leg = self._pace.begin(self._behaviour.begin(keys, start_m), hovering, spacing_m)
         nothing = torch.zeros(len(keys), dtype=torch.int64, device=self._device)
         return self._after(leg, spacing_m, nothing, leg.path_length_m, leg.least_distance_m, self._radio.begin(keys))
 
@@ -117,7 +118,8 @@ class Environment:
             InputError: an action that the scenario's pace does not allow, or for another number of chases.
         """
         self._require_allowed(state, action)
-        leg = self._pace.fly(state, action)
+        swarm = Swarm(state.center_m, state.center_velocity_mps)
+        leg = self._pace.fly(state.target, swarm, state.spacing_m, state.time_s, action)
         path_length_m = state.path_length_m + leg.path_length_m
         least_distance_m = torch.minimum(state.least_distance_m, leg.least_distance_m)
         following = self._after(

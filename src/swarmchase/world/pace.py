@@ -6,7 +6,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import torch
 
@@ -17,9 +17,6 @@ from ..flight import FLIGHT_STEP_S, first_within_s, flown, least_m, length
 from ..formation import Action
 from ..scenario import Scenario
 from .behaviours.protocol import Behaviour, Swarm, Target
-
-if TYPE_CHECKING:
-    from .environment import State
 
 SPEED_TOLERANCE = 1e-6
 """Share by which rounding may make a displacement longer than the swarm can fly."""
@@ -65,11 +62,18 @@ class Pace(Protocol):
             InputError: it cannot.
         """
 
-    def begin(self, target: Target, center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]) -> Leg:
+    def begin(self, target: Target, swarm: Swarm, spacing_m: Float[Tensor, "chase"]) -> Leg:
         """The swarm hovers at its start and listens."""
 
-    def fly(self, state: "State", action: Action) -> Leg:
-        """The swarm carries out an action, and listens."""
+    def fly(
+        self,
+        target: Target,
+        swarm: Swarm,
+        spacing_m: Float[Tensor, "chase"],
+        time_s: Float[Tensor, "chase"],
+        action: Action,
+    ) -> Leg:
+        """From where everybody is at this time, the swarm carries out an action, and listens."""
 
 
 def pace_of(scenario: Scenario, behaviour: Behaviour, device: torch.device | str = "cpu") -> Pace:
@@ -102,24 +106,30 @@ class StopAndListen:
         _require_choices("spacing_m", action.spacing_m, self._spacing_choices_m)
         _require_choices("displacement_m", action.displacement_m, self._displacement_choices_m)
 
-    def begin(self, target: Target, center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]) -> Leg:
+    def begin(self, target: Target, swarm: Swarm, spacing_m: Float[Tensor, "chase"]) -> Leg:
         """Hears its first window."""
         nothing = torch.zeros_like(spacing_m)
-        return self._heard(target, center_m, spacing_m, begin_s=nothing, path_length_m=nothing)
+        return self._heard(target, swarm.center_m, spacing_m, begin_s=nothing, path_length_m=nothing)
 
-    def fly(self, state: "State", action: Action) -> Leg:
+    def fly(
+        self,
+        target: Target,
+        swarm: Swarm,
+        spacing_m: Float[Tensor, "chase"],
+        time_s: Float[Tensor, "chase"],
+        action: Action,
+    ) -> Leg:
         """Flies straight at ``tracker_speed_mps``, then hears a window."""
-        center_m = state.center_m + action.displacement_m
+        center_m = swarm.center_m + action.displacement_m
         travel_m = action.displacement_m.norm(dim=1)
         travel_s = self._travel_s(travel_m)
-        target = state.target
         if not self._behaviour.is_still:
             way_m = action.displacement_m / self._travel_steps
             velocity_mps = action.displacement_m / travel_s.clamp_min(FLIGHT_STEP_S)[:, None]
             for step in range(self._travel_steps):
-                swarm = Swarm(state.center_m + step * way_m, velocity_mps)
-                target = self._behaviour.fly(target, travel_s / self._travel_steps, swarm)
-        return self._heard(target, center_m, action.spacing_m, state.time_s + travel_s, travel_m)
+                seen = Swarm(swarm.center_m + step * way_m, velocity_mps)
+                target = self._behaviour.fly(target, travel_s / self._travel_steps, seen)
+        return self._heard(target, center_m, action.spacing_m, time_s + travel_s, travel_m)
 
     def _travel_s(self, travel_m: Float[Tensor, "chase"]) -> Float[Tensor, "chase"]:
         """From rest to rest: as fast as permitted, with speeding up and braking where acceleration is limited."""
@@ -205,32 +215,37 @@ class ListenInFlight:
                 f"{self._farthest_m:g} m, decision_s at tracker_speed_mps"
             )
 
-    def begin(self, target: Target, center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]) -> Leg:
+    def begin(self, target: Target, swarm: Swarm, spacing_m: Float[Tensor, "chase"]) -> Leg:
         """Hovers for one interval."""
-        still_mps = torch.zeros_like(center_m)
-        return self._flown(
-            target, (center_m, still_mps), still_mps, (spacing_m, spacing_m), torch.zeros_like(spacing_m)
-        )
+        still_mps = torch.zeros_like(swarm.center_m)
+        return self._flown(target, swarm, still_mps, (spacing_m, spacing_m), torch.zeros_like(spacing_m))
 
-    def fly(self, state: "State", action: Action) -> Leg:
+    def fly(
+        self,
+        target: Target,
+        swarm: Swarm,
+        spacing_m: Float[Tensor, "chase"],
+        time_s: Float[Tensor, "chase"],
+        action: Action,
+    ) -> Leg:
         """Flies towards the displacement's velocity."""
         wanted_mps = action.displacement_m / self._scenario.decision_s
-        swarm = (state.center_m, state.center_velocity_mps)
-        return self._flown(state.target, swarm, wanted_mps, (state.spacing_m, action.spacing_m), state.time_s)
+        return self._flown(target, swarm, wanted_mps, (spacing_m, action.spacing_m), time_s)
 
     def _flown(
         self,
         target: Target,
-        swarm: tuple[Float[Tensor, "chase 3"], Float[Tensor, "chase 3"]],
+        swarm: Swarm,
         wanted_mps: Float[Tensor, "chase 3"],
         spacing_m: tuple[Float[Tensor, "chase"], Float[Tensor, "chase"]],
         begin_s: Float[Tensor, "chase"],
     ) -> Leg:
+        """``spacing_m`` is that at the beginning and that at the end."""
         interval, acceleration_mps2 = self._interval, self._scenario.tracker_acceleration_mps2
         moment_s = interval.moment_s.expand(len(begin_s), -1)
         sample_s = interval.sample_s.expand(len(begin_s), -1)
-        center_m, velocity_mps = flown(*swarm, wanted_mps, moment_s, acceleration_mps2)
-        sample_center_m, _ = flown(*swarm, wanted_mps, sample_s, acceleration_mps2)
+        center_m, velocity_mps = flown(swarm.center_m, swarm.velocity_mps, wanted_mps, moment_s, acceleration_mps2)
+        sample_center_m, _ = flown(swarm.center_m, swarm.velocity_mps, wanted_mps, sample_s, acceleration_mps2)
         if self._behaviour.is_still:
             target_m = target.position_m[:, None].expand_as(center_m)
         else:
