@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmchase.flight import first_within_s, flown
+from swarmchase.flight import first_within_s, flown, intercept_s, least_m
 
 
 def vector(*rows):
@@ -136,3 +136,29 @@ def test_the_first_time_is_that_of_a_fine_search():
     both = np.isfinite(searched_s)
     assert np.abs(found_s[both] - searched_s[both]).max() <= 1 / 666 + 1e-9
     assert np.isfinite(found_s[~both]).sum() <= 5
+
+
+@pytest.mark.parametrize(
+    ("offset_m", "velocity_mps", "meeting_s"),
+    [
+        ((100, 0, 0), (0, 0, 0), 10.0),  # it stands
+        ((100, 0, 0), (-5, 0, 0), 100 / 15),  # it comes
+        ((100, 0, 0), (5, 0, 0), 20.0),  # it goes
+        ((30, 0, 0), (0, 8, 0), 5.0),  # 30, 40, 50: a right angle
+        ((100, 0, 0), (10, 0, 0), math.nan),  # as fast, straight away
+        ((100, 0, 0), (-10, 0, 0), 5.0),  # as fast, straight at it
+        ((100, 0, 0), (0, 12, 0), math.nan),  # faster, across
+        ((0, 0, 0), (3, 0, 0), 0.0),  # it is there
+    ],
+)
+def test_when_a_pursuer_of_ten_metres_a_second_meets_what_keeps_its_velocity(
+    offset_m: tuple[float, float, float], velocity_mps: tuple[float, float, float], meeting_s: float
+) -> None:
+    found_s = intercept_s(torch.tensor([offset_m]).double(), torch.tensor([velocity_mps]).double(), 10.0)
+    assert found_s.tolist() == pytest.approx([meeting_s], nan_ok=True)
+
+
+def test_the_least_length_of_an_offset() -> None:
+    """From (3, 1) to (-1, 1) it passes at 1 m; then straight away, nearest at its beginning; then it stays."""
+    offset_m = torch.tensor([[[3, 1, 0], [-1, 1, 0], [-4, 1, 0]], [[3, 4, 0]] * 3]).double()
+    assert least_m(offset_m).tolist() == pytest.approx([1, 5])

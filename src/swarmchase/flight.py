@@ -85,7 +85,7 @@ def intercept_s(
     # Both roots of a t^2 + 2 b t + c = 0, in the form that stands a = 0.
     times_s = torch.stack([c / (root - b), c / (-root - b)])
     first_s = torch.where((times_s >= 0) & times_s.isfinite(), times_s, torch.inf).amin(dim=0)
-    return torch.where(first_s.isinf(), torch.nan, first_s)
+    return torch.where(c == 0, 0.0, torch.where(first_s.isinf(), torch.nan, first_s))
 
 
 def length(vector: Float[Tensor, "*batch xyz"]) -> Float[Tensor, "*batch"]:
