@@ -69,6 +69,8 @@ class Environment:
         self.scenario = scenario
         self._device = torch.device(device)
         self._radio = Radio(scenario, device)
+        self._sample_s = window_time_s(scenario, torch.zeros(1, dtype=torch.float64, device=device))
+        """Of a window's samples, since its beginning."""
         self._spacing_choices_m = torch.tensor(scenario.spacing_choices_m, dtype=torch.float64, device=device)
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64, device=device)
 
@@ -130,7 +132,7 @@ class Environment:
     ) -> tuple[Float[Tensor, "chase sample tracker"], RadioState]:
         """The window that a swarm hovering here hears from this moment on."""
         trackers_m = tracker_position_m(center_m, spacing_m)
-        time_s = window_time_s(self.scenario, begin_s)
+        time_s = begin_s[:, None] + self._sample_s
         return self._radio.heard_dbm(radio, time_s, target_position_m[:, None], trackers_m[:, None])
 
     def _outcome(self, before: State, after: State) -> Outcome:
