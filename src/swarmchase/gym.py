@@ -52,7 +52,7 @@ def rssi_bounds_dbm(scenario: Scenario) -> tuple[float, float]:
 
 def _observation_space(scenario: Scenario) -> "spaces.Box[np.float32]":
     low_dbm, high_dbm = rssi_bounds_dbm(scenario)
-    return spaces.Box(low_dbm, high_dbm, (scenario.window_samples, NUM_TRACKERS), np.float32)
+    return spaces.Box(low_dbm, high_dbm, (scenario.samples_a_decision, NUM_TRACKERS), np.float32)
 
 
 def _action_space(scenario: Scenario) -> spaces.MultiDiscrete:

@@ -5,6 +5,7 @@ value is refused with the field's name, the value and the allowed range.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -214,6 +215,22 @@ class Scenario:
         return self.window_samples / self.sampling_hz
 
     @property
+    def departures(self) -> list[str]:
+        """The fields that the paper's world does not have, and that are not as in it."""
+        return [
+            constant.name
+            for constant in dataclasses.fields(self)
+            if "departs_from_paper" in constant.metadata and getattr(self, constant.name) != constant.default
+        ]
+
+    @property
+    def samples_a_decision(self) -> int:
+        """RSSI samples of a tracker that a controller gets to see at once: L, or in flight those of an interval."""
+        if self.pace == "stop_and_listen":
+            return self.window_samples
+        return math.floor(self.decision_s * self.sampling_hz + 1e-9)
+
+    @property
     def is_told_in_seconds(self) -> bool:
         """Whether a chase is measured by the clock; the paper's are by movements."""
         return self.pace != "stop_and_listen" or self.behaviour != "hover"
@@ -222,11 +239,12 @@ class Scenario:
         """The fields as JSON and TOML can hold them; of those that the paper's world does not have, what departs from
         it.
         """
+        departures = self.departures
         return {
             constant.name: list(value) if isinstance(value, tuple) else value
             for constant in dataclasses.fields(self)
-            if (value := getattr(self, constant.name)) != constant.default
-            or "departs_from_paper" not in constant.metadata
+            if "departs_from_paper" not in constant.metadata or constant.name in departures
+            for value in (getattr(self, constant.name),)
         }
 
     @classmethod

@@ -243,6 +243,8 @@ def test_a_killed_chase_leaves_a_log_and_nothing_else(tmp_path: Path, lives: lis
         ("--faults kill=6@3", "fault 'kill=6@3' is refused"),
         ("--controller oracle", "the oracle knows where a simulated target is"),
         ("--controller nobody", "no controller 'nobody'"),
+        ("--scenario flight", "pace = 'listen_in_flight' is refused: the simulated site has the paper's world alone"),
+        ("--behaviour flee --target-speed-mps 5", "behaviour = 'flee' is refused: the simulated site has the paper's"),
         ("--seed -1", "seed = -1, chase = 0 is refused"),
         ("--minimum-trackers 9", "minimum_trackers = 9 is refused"),
         ("--reached-windows -1", "reached_windows = -1 is refused"),

@@ -102,8 +102,8 @@ def with_line_of_sight(
 ) -> Float[Tensor, "chase tracker 2 sample"]:
     """The scattered part with the line of sight added in place; without phases it is in phase at all trackers."""
     if los_phase_rad is None:
-        scattered[:, :, 0] += los_amplitude
+        scattered[:, :, 0].add_(los_amplitude)
         return scattered
-    scattered[:, :, 0] += (los_amplitude * los_phase_rad.cos()).float()[:, :, None]
-    scattered[:, :, 1] += (los_amplitude * los_phase_rad.sin()).float()[:, :, None]
+    scattered[:, :, 0].add_((los_amplitude * los_phase_rad.cos()).float()[:, :, None])
+    scattered[:, :, 1].add_((los_amplitude * los_phase_rad.sin()).float()[:, :, None])
     return scattered

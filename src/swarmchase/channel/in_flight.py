@@ -99,16 +99,18 @@ class InFlight:
     ) -> tuple[Float[Tensor, "chase tracker 2 sample"], InFlightState]:
         """The processes at the cycles travelled at these times."""
         point = self._travelled_points(state, time_s, moved_m).add_(state.point[:, :, None])
+        last = point[:, :, -1]
+        last = last - (last / NUM_POINTS).floor_() * NUM_POINTS
         processes = self._read(point).mul_(torch.view_as_complex(state.rotation)[:, :, None])
-        fading = processes[:, :NUM_TRACKERS] + processes[:, NUM_TRACKERS:]
+        fading, shared = processes[:, :NUM_TRACKERS], processes[:, NUM_TRACKERS:]
         if state.los_phase_rad is None:
-            fading.add_(self._los_amplitude)
-        else:
+            shared.add_(self._los_amplitude)
+        fading.add_(shared)
+        if state.los_phase_rad is not None:
             amplitude = torch.full_like(state.los_phase_rad, self._los_amplitude)
             fading.add_(torch.polar(amplitude, state.los_phase_rad).to(torch.complex64)[:, :, None])
-        last = point[:, :, -1]
         following = InFlightState(
-            point=last - (last / NUM_POINTS).floor_() * NUM_POINTS,
+            point=last,
             rotation=state.rotation,
             los_phase_rad=state.los_phase_rad,
             time_s=time_s[:, -1].clone(),
@@ -122,27 +124,30 @@ class InFlight:
         moved_m: Float[Tensor, "chase sample tracker"] | None,
     ) -> Float[Tensor, "chase process sample"]:
         """Since the last sample of the call before."""
+        wavelength_m = SPEED_OF_LIGHT_MPS / self._scenario.carrier_hz
         lasted_s = time_s.diff(dim=1, prepend=state.time_s[:, None])
-        steps = (lasted_s * (self._scenario.doppler_spread_hz * POINTS_PER_CYCLE))[:, :, None]
-        if moved_m is not None:
-            steps = torch.maximum(moved_m * (self._scenario.carrier_hz / SPEED_OF_LIGHT_MPS * POINTS_PER_CYCLE), steps)
-        steps = steps.expand(-1, -1, NUM_TRACKERS)
-        travelled = steps.new_empty(len(steps), NUM_PROCESSES, steps.shape[1])
+        least = lasted_s * (self._scenario.doppler_spread_hz * POINTS_PER_CYCLE)
+        travelled = least.new_empty(len(least), NUM_PROCESSES, least.shape[1])
         own, shared = travelled[:, :NUM_TRACKERS], travelled[:, -1]
-        torch.cumsum(steps.transpose(1, 2), dim=2, out=own)
+        if moved_m is None:
+            own.copy_(least[:, None])
+        else:
+            torch.mul(moved_m.transpose(1, 2), POINTS_PER_CYCLE / wavelength_m, out=own)
+            torch.maximum(own, least[:, None], out=own)
+        own.cumsum_(dim=2)
         torch.sum(own, dim=1, out=shared).mul_(1 / NUM_TRACKERS)
         return travelled
 
     def _read(self, point: Float[Tensor, "chase process sample"]) -> Tensor:
-        """The table here, complex64, by the cubic of the cell that each lies in."""
+        """The table here, complex64, by the cubic of the cell that each lies in; overwrites ``point``."""
         index = point.int().bitwise_and_(NUM_POINTS - 1).flatten()
         # A product of two complex numbers takes less time than one with a real number.
-        beyond = point.frac().to(torch.complex64).flatten()
+        beyond = point.frac_().to(torch.complex64).flatten()
         value = self._table[3].index_select(0, index)
-        coefficient = torch.empty_like(value)
+        following = torch.empty_like(value)
         for power in (2, 1, 0):
-            torch.index_select(self._table[power], 0, index, out=coefficient)
-            value.mul_(beyond).add_(coefficient)
+            torch.index_select(self._table[power], 0, index, out=following)
+            value, following = following.addcmul_(value, beyond), value
         return value.view(point.shape)
 
 

@@ -50,11 +50,13 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
         from ..processes.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
         from ..simulation.live_chase import run_live_chase
+        from ..simulation.radio import require_simulated
         from .serve import ready_controller
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
         plan, scenario = fault_plan(self.faults), self.scenario()
+        require_simulated(scenario)
         settings = self.settings()
         controller = ready_controller(self.controller, scenario, self.seed)
         audience = AudienceOptions(None if self.headless else self.page, self._log_path())

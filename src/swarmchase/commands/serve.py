@@ -95,7 +95,7 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     """A controller for real trackers, loaded, and asked once: the first time takes longest.
 
     Raises:
-        InputError: there is none of this name, or it needs to know the target.
+        InputError: there is none of this name, it needs to know the target, or trackers are not to stop to listen.
     """
     import torch
 
@@ -104,8 +104,10 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     from ..formation import tracker_position_m
     from ..observation import Observation
 
+    if scenario.pace != "stop_and_listen":
+        raise InputError(f"pace = {scenario.pace!r} is refused: the trackers of a live chase stop to listen")
     if name in ORACLES:
-        raise InputError(f"{name} knows where a simulated target is; real ones do not tell")
+        raise InputError(f"the {name} knows where a simulated target is; real ones do not tell")
     explain_choice(name, scenario)
     if name == LIVE_CONTROLLER:
         CONSOLE.print(

@@ -144,9 +144,9 @@ def _filed_action_choice(path: Path, configuration: dict[str, Any]) -> ActionCho
 
 def _require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
     """Refuse a scenario that networks of this form cannot decide in."""
-    if form.window_samples not in (None, scenario.window_samples):
+    if form.window_samples not in (None, scenario.samples_a_decision):
         raise InputError(
-            f"{name} needs windows of {form.window_samples} samples; the scenario has {scenario.window_samples}"
+            f"{name} needs windows of {form.window_samples} samples; the scenario has {scenario.samples_a_decision}"
         )
     if issubclass(form.filed, DecidingNetworks):
         require_action_sets(scenario, name)

@@ -115,10 +115,10 @@ class LearnedController:
         self, observation: Observation, memory: Float[Tensor, "chase memory"]
     ) -> tuple[Float[Tensor, "chase 4 5"], Float[Tensor, "chase memory"]]:
         window_dbm = observation.rssi_dbm.float()
-        if window_dbm.shape[1:] != (self._scenario.window_samples, NUM_TRACKERS):
+        if window_dbm.shape[1:] != (self._scenario.samples_a_decision, NUM_TRACKERS):
             raise InputError(
                 f"a window of {tuple(window_dbm.shape[1:])} is refused: "
-                f"{self.name} needs {self._scenario.window_samples} samples of {NUM_TRACKERS} trackers"
+                f"{self.name} needs {self._scenario.samples_a_decision} samples of {NUM_TRACKERS} trackers"
             )
         num_chases = len(window_dbm)
         inputs = [window_dbm, mean_position_m(observation).float(), memory]

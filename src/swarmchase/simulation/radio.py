@@ -13,6 +13,7 @@ from ..batch.array_types import Float, Tensor
 from ..channel.fading import fading_db, window_time_s
 from ..channel.fading_process import FadingState, fading_process
 from ..channel.propagation import unfaded_dbm
+from ..errors import InputError
 from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
 from ..world.receivers import Receivers
@@ -23,10 +24,28 @@ BREAK_BEFORE_S, BREAK_AFTER_S = 0.1, 0.02
 need to agree better than this."""
 
 
+def require_simulated(scenario: Scenario) -> None:
+    """Refuse a scenario with anything that the paper's world does not have.
+
+    Raises:
+        InputError: it has.
+    """
+    if scenario.departures:
+        name = scenario.departures[0]
+        raise InputError(
+            f"{name} = {getattr(scenario, name)!r} is refused: the simulated site has the paper's world alone"
+        )
+
+
 class Radio:
-    """Of one chase. The swarm starts around the origin; metres are of the frame that all share."""
+    """Of one chase. The swarm starts around the origin; metres are of the frame that all share.
+
+    Raises:
+        InputError: a scenario with anything that the paper's world does not have.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, chase: int) -> None:
+        require_simulated(scenario)
         keys = [(seed, chase)]
         self._scenario = scenario
         self._process, self._receivers = fading_process(scenario), Receivers(scenario)

@@ -11,7 +11,6 @@ from typing import Protocol, runtime_checkable
 import torch
 
 from ..batch.array_types import Float, Tensor
-from ..channel.fading import window_time_s
 from ..errors import InputError
 from ..flight import FLIGHT_STEP_S, first_within_s, flown, least_m, length
 from ..formation import Action
@@ -168,7 +167,7 @@ class StopAndListen:
             velocity_mps=torch.zeros_like(center_m),
             path_length_m=path_length_m,
             time_s=begin_s + self._scenario.window_s,
-            sample_time_s=window_time_s(self._scenario, begin_s),
+            sample_time_s=begin_s[:, None] + self._window.sample_s,
             sample_target_m=sample_target_m,
             sample_center_m=center_m[:, None].expand_as(sample_target_m),
             sample_spacing_m=spacing_m[:, None].expand(sample_target_m.shape[:2]),
@@ -185,15 +184,14 @@ class ListenInFlight:
     """
 
     def __init__(self, scenario: Scenario, behaviour: Behaviour, device: torch.device | str = "cpu") -> None:
-        num_samples = math.floor(scenario.decision_s * scenario.sampling_hz + 1e-9)
-        if num_samples < 1:
+        if scenario.samples_a_decision < 1:
             raise InputError(
                 f"decision_s = {scenario.decision_s:g} is refused: allowed is at least 1 / sampling_hz = "
                 f"{1 / scenario.sampling_hz:g}, the time from one sample to the next"
             )
         self._scenario = scenario
         self._behaviour = behaviour
-        sample_s = torch.arange(1, num_samples + 1, dtype=torch.float64) / scenario.sampling_hz
+        sample_s = torch.arange(1, scenario.samples_a_decision + 1, dtype=torch.float64) / scenario.sampling_hz
         self._interval = _Moments(scenario.decision_s, sample_s, device)
         self._farthest_m = scenario.tracker_speed_mps * scenario.decision_s
         self._spacing_m = (min(scenario.spacing_choices_m), max(scenario.spacing_choices_m))

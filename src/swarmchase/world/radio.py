@@ -115,9 +115,8 @@ class Radio:
             moved_m = _moved_m(state.relative_position_m, relative_position_m, time_s.shape[1])
             last_position_m = relative_position_m[:, -1]
         fading, fading_state = self._fading.gain(state.fading, time_s, moved_m)
-        arriving_dbm = _faded_dbm(
-            self._mean_dbm(state, target_position_m, tracker_position_m, relative_position_m.norm(dim=3)), fading
-        )
+        distance_m = torch.linalg.vector_norm(relative_position_m, dim=3)
+        arriving_dbm = _faded_dbm(self._mean_dbm(state, target_position_m, tracker_position_m, distance_m), fading)
         transmissions = state.transmissions
         if transmissions is not None:
             transmits, transmissions = self._transmissions.at(transmissions, time_s)
