@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtr
 
 from ..batch.array_types import Bool, Float, Tensor
@@ -114,6 +113,8 @@ def fading_law(scenario: Scenario, window_power: WindowPower = mean_power_dbm) -
 
 @functools.lru_cache(maxsize=32)
 def _drawn_law(scenario: Scenario, window_power: WindowPower) -> FadingLaw:
+    from scipy.interpolate import PchipInterpolator
+
     fading_db = _drawn_fading_db(scenario, window_power)
     knot = np.arange(-MOST_NORMAL, MOST_NORMAL + KNOT_STEP / 2, KNOT_STEP)
     quantile_db = np.quantile(fading_db, ndtr(knot))
