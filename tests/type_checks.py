@@ -22,7 +22,7 @@ SAMPLE_BY_SAMPLE = [
     for name in ("fault_plan", "faulty_path", "receivers_gone_wrong", "vehicles_gone_wrong", "virtual_network")
 ]
 """They are asked about every sample and datagram of a chase, by the simulation alone: the same goes for them."""
-MOST_CALLS = 30
+MOST_CALLS = 10
 """Of one function that are checked for axes in one test: in a loop the others are like these."""
 
 spec = find_spec("swarmchase")
