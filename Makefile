@@ -8,10 +8,15 @@ BIN := $(VENV)/bin
 chase: $(VENV)/.installed
 	$(BIN)/swarmchase chase
 
+# The workers and the hundreds of processes that tests start read what the first of them has compiled.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.installed-dev
 	@echo "== style" && $(BIN)/ruff format --check . && $(BIN)/ruff check .
-	@echo "== types" && $(BIN)/mypy
-	@echo "== tests" && $(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
+	@echo "== tests, and types beside them"
+	@(told=$$($(BIN)/mypy 2>&1); code=$$?; printf '\n== types\n%s\n' "$$told"; exit $$code) & types=$$!; \
+	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder; tests=$$?; \
+	wait $$types || { echo "== types are wrong: see above"; exit 1; }; \
+	exit $$tests
 
 $(VENV)/bin/python: | check-python
 	@echo "== making a virtual environment in $(VENV)/"

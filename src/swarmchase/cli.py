@@ -95,16 +95,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     training), else 128 and the signal's number, as after a second Ctrl-C: 130 for SIGINT, 143 for SIGTERM, 129 for
     SIGHUP.
     """
-    with stopped_at_once():
-        _run(arguments)
-
-
-def _run(arguments: Sequence[str] | None) -> None:
     try:
         command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
-        if not isinstance(command, WITHOUT_TORCH):
-            _use_one_thread()
-        command.run()
+        with stopped_at_once():
+            if not isinstance(command, WITHOUT_TORCH):
+                _use_one_thread()
+            command.run()
     except BrokenPipeError:
         if not _has_lost_its_reader(sys.stdout):
             raise

@@ -138,6 +138,19 @@ def test_chase_tells_logs_draws_and_prints_one_object(tmp_path: Path) -> None:
     assert width > height > 600
 
 
+@pytest.mark.parametrize("while_importing", ["tyro", "rich"])
+def test_ctrl_c_before_the_command_is_known_ends_it_without_a_word(while_importing: str, tmp_path: Path) -> None:
+    """What it imports first is interrupted in its midst."""
+    (tmp_path / f"{while_importing}.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nraise AssertionError\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    ran = subprocess.run(
+        [sys.executable, "-m", "swarmchase", "live"], capture_output=True, text=True, env=environment, check=False
+    )
+    assert (ran.returncode, ran.stdout, ran.stderr) == (-signal.SIGINT, "", "")
+
+
 def test_evaluate_prints_the_promised_keys_and_the_chases_of_its_seed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,7 +24,7 @@ def pipeline(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
 
 def test_it_trains_evaluates_compares_and_draws(tmp_path: Path) -> None:
     folder, tiny = tmp_path / "pipeline", tmp_path / "tiny.toml"
-    tiny.write_text("max_movements = 3\n", encoding="utf-8")
+    tiny.write_text("max_movements = 3\nwindow_samples = 3\n", encoding="utf-8")
     settings = {"UPDATES": "1", "EPISODES": "2", "SETTING": f"--scenario {tiny}"}
     ran = pipeline(folder, **settings)
     assert ran.returncode == 0, ran.stderr

@@ -15,10 +15,10 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
-from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtr
 
 from ..batch.array_types import Bool, Float, Tensor
@@ -110,11 +110,15 @@ def fading_law(scenario: Scenario, window_power: WindowPower = mean_power_dbm) -
     It is drawn once in a process for what it is a function of: the scenario's fading and the ``window_power``, which is
     compared by ``==``. Its tensors are not to be changed.
     """
-    return _drawn_law(paper_scenario(**{name: getattr(scenario, name) for name in _FIELDS_OF_FADING}), window_power)
+    return _drawn_law(tuple(getattr(scenario, name) for name in _FIELDS_OF_FADING), window_power)
 
 
 @functools.lru_cache(maxsize=32)
-def _drawn_law(scenario: Scenario, window_power: WindowPower) -> FadingLaw:
+def _drawn_law(fields: tuple[Any, ...], window_power: WindowPower) -> FadingLaw:
+    """Of a scenario with these values of ``_FIELDS_OF_FADING``."""
+    from scipy.interpolate import PchipInterpolator
+
+    scenario = paper_scenario(**dict(zip(_FIELDS_OF_FADING, fields, strict=True)))
     fading_db = _drawn_fading_db(scenario, window_power)
     knot = np.arange(-MOST_NORMAL, MOST_NORMAL + KNOT_STEP / 2, KNOT_STEP)
     quantile_db = np.quantile(fading_db, ndtr(knot))

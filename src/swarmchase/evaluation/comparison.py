@@ -176,8 +176,8 @@ def resampled_differences_p90(first: NDArray[Any], other: NDArray[Any]) -> NDArr
     """The difference of the 90th percentiles in ``RESAMPLES`` draws of as many chases, the same for both."""
     generator = np.random.default_rng(RESAMPLING_SEED)
     draws = []
-    for _ in range(0, RESAMPLES, 50):
-        chase = generator.integers(len(first), size=(50, len(first)))
+    for _ in range(0, RESAMPLES, 10):  # more at once of ten thousand chases do not fit a core's cache
+        chase = generator.integers(len(first), size=(10, len(first)))
         draws.append(nearest_rank_percentiles(other[chase], 90) - nearest_rank_percentiles(first[chase], 90))
     return np.concatenate(draws)
 

@@ -1,7 +1,7 @@
 """The global agent: the shared parameters of the four networks, and one shared Adam over them.
 
 All of its state lies in shared memory, so that any process can hand in a gradient under the lock; the result
-is that of one serial Adam. Adam's state is filled in beforehand: left to itself each process would make its own.
+is that of one serial Adam.
 """
 
 import dataclasses
@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import torch
+from torch.optim.adam import adam
 
 from .parameters import FlatNetworks
 
@@ -66,13 +67,6 @@ class GlobalAgent:
         self._lock = lock
         self._learning_rate = learning_rate
         self._max_updates = max_updates
-        self._parameter = torch.nn.Parameter(shared.vector)
-        self._adam = torch.optim.Adam([self._parameter], lr=learning_rate.start, fused=True)
-        self._adam.state[self._parameter] = {
-            "step": shared.updates,
-            "exp_avg": shared.first_moment,
-            "exp_avg_sq": shared.second_moment,
-        }
 
     @property
     def updates(self) -> int:
@@ -104,7 +98,25 @@ class GlobalAgent:
         with self._lock:
             if self.finished:
                 return False
-            self._adam.param_groups[0]["lr"] = self._learning_rate.at(self.updates)
-            self._parameter.grad = gradient
-            self._adam.step()
+            self._step(gradient, self._learning_rate.at(self.updates))
             return True
+
+    @torch.no_grad()
+    def _step(self, gradient: torch.Tensor, learning_rate: float) -> None:
+        """As ``torch.optim.Adam(fused=True)``, whose making alone loads torch's compiler: seconds in every process."""
+        adam(
+            [self._shared.vector],
+            [gradient],
+            [self._shared.first_moment],
+            [self._shared.second_moment],
+            [],
+            [self._shared.updates],
+            fused=True,
+            amsgrad=False,
+            beta1=0.9,
+            beta2=0.999,
+            lr=learning_rate,
+            weight_decay=0.0,
+            eps=1e-8,
+            maximize=False,
+        )

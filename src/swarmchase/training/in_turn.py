@@ -1,6 +1,7 @@
 """Agents that take turns in one process: bit-reproducible. A3C's deterministic schedule, and the batched trainer."""
 
 import contextlib
+import warnings
 from collections.abc import Iterator
 
 import torch
@@ -27,7 +28,7 @@ def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | s
     for agent, snapshot in zip(agents, run.point.agents, strict=False):
         agent.restore(snapshot)
     evaluator = Evaluator(run.scenarios, settings, run.schedule, run.folder.folder, run.best)
-    with _threads(num_threads):
+    with _threads(num_threads), _in_the_order_of_the_vector():
         while not global_agent.finished and run.stopped is None:
             before = global_agent.updates
             agent = agents[before // settings.passes_per_rollout % settings.num_agents]
@@ -45,6 +46,16 @@ def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | s
 
 def _has_passed(interval: int, before: int, after: int) -> bool:
     return before // interval != after // interval
+
+
+@contextlib.contextmanager
+def _in_the_order_of_the_vector() -> Iterator[None]:
+    """On a GPU a recurrent network's weights are copied at every call, since ``FlatNetworks`` holds them in its own
+    order: some megabytes, which PyTorch need not warn of.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RNN module weights are not part of single contiguous chunk")
+        yield
 
 
 @contextlib.contextmanager
