@@ -503,7 +503,8 @@ def test_particles_that_keep_their_distance_stay_on_the_sphere():
 
 
 def moved_target(state, target_m):
-    return dataclasses.replace(state, target_position_m=torch.tensor([target_m], dtype=torch.float64))
+    target = dataclasses.replace(state.target, position_m=torch.tensor([target_m], dtype=torch.float64))
+    return dataclasses.replace(state, target=target)
 
 
 def test_particle_begins_anew_when_the_world_contradicts_it_and_finds_the_target():
