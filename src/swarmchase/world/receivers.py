@@ -113,6 +113,8 @@ class Receivers:
             if self._gaps and gaps is not None:
                 lost, gaps = self._gaps.at(gaps, time_s, missing)
             rssi_dbm = rssi_dbm.masked_fill(lost, torch.nan)
+        if stuck_dbm is state.stuck_dbm and gaps is state.gaps:
+            return rssi_dbm, state
         return rssi_dbm, ReceiverState(state.offset_db, state.silent, state.stuck, stuck_dbm, gaps, state.streams)
 
     def _some(self, number: int, streams: ChaseStreams) -> Bool[Tensor, "chase tracker"]:
