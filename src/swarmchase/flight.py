@@ -42,7 +42,7 @@ def flown(
 def first_within_s(
     offset_m: Float[Tensor, "chase moment 3"], time_s: Float[Tensor, "chase moment"], radius_m: float
 ) -> Float[Tensor, "chase"]:
-    """When the offset between two that fly is first at most ``radius_m`` long; NaN where it never is.
+    """When the offset between two that fly is first at most ``radius_m`` long; infinite where it never is.
 
     ``offset_m`` is what lies between them at each of two or more moments, ``time_s``; from moment to moment it changes
     evenly, which over a flight step errs by a few millimetres.
@@ -60,8 +60,8 @@ def first_within_s(
     arrives = length(after_m) <= radius_m
     share = torch.where(is_there, 0.0, torch.where(passes, share, 1.0))
     reached_s = torch.lerp(time_s[:, :-1], time_s[:, 1:], share)
-    first_s = torch.where(is_there | passes | arrives, reached_s, torch.inf).amin(dim=1)
-    return torch.where(first_s.isinf(), torch.nan, first_s)
+    first_s: Tensor = torch.where(is_there | passes | arrives, reached_s, torch.inf).amin(dim=1)
+    return first_s
 
 
 def least_m(offset_m: Float[Tensor, "chase moment 3"]) -> Float[Tensor, "chase"]:
@@ -76,7 +76,7 @@ def intercept_s(
     offset_m: Float[Tensor, "chase 3"], velocity_mps: Float[Tensor, "chase 3"], speed_mps: float
 ) -> Float[Tensor, "chase"]:
     """When one that flies at ``speed_mps``, in whatever direction, first meets what is at this offset from it and keeps
-    this velocity: |offset + velocity t| = speed t. NaN where it never does.
+    this velocity: |offset + velocity t| = speed t. Infinite where it never does.
     """
     a = velocity_mps.square().sum(dim=-1) - speed_mps**2
     b = (offset_m * velocity_mps).sum(dim=-1)
@@ -85,7 +85,7 @@ def intercept_s(
     # Both roots of a t^2 + 2 b t + c = 0, in the form that stands a = 0.
     times_s = torch.stack([c / (root - b), c / (-root - b)])
     first_s = torch.where((times_s >= 0) & times_s.isfinite(), times_s, torch.inf).amin(dim=0)
-    return torch.where(c == 0, 0.0, torch.where(first_s.isinf(), torch.nan, first_s))
+    return torch.where(c == 0, 0.0, first_s)
 
 
 def length(vector: Float[Tensor, "*batch xyz"]) -> Float[Tensor, "*batch"]:

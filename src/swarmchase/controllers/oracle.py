@@ -69,7 +69,8 @@ class OracleController:
         if self._knows_velocity:
             meeting_s = intercept_s(way_m, memory.target_velocity_mps, self._scenario.tracker_speed_mps)
             # One that it never meets it follows.
-            way_m = way_m + memory.target_velocity_mps * meeting_s.nan_to_num(nan=0.0)[:, None]
+            ahead_s = torch.where(meeting_s.isfinite(), meeting_s, 0.0)
+            way_m = way_m + memory.target_velocity_mps * ahead_s[:, None]
         widest_m = torch.full((len(way_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)
         condition = torch.where(untold, int(Condition.DEAF), int(Condition.TRACKING))
         action = Action(widest_m, displacement_towards(self._scenario, torch.where(untold[:, None], 0.0, way_m)))

@@ -55,7 +55,7 @@ class State:
     least_distance_m: Float[Tensor, "chase"]
     """Between centre and target so far, while it was judged."""
     reached_s: Float[Tensor, "chase"]
-    """When the target was reached since the last decision; NaN where it was not."""
+    """When the target was reached since the last decision; infinite where it was not."""
     radio: RadioState
     """What the radio carries from window to window."""
 
@@ -157,7 +157,7 @@ class Environment:
         )
 
     def _outcome(self, before: State, after: State) -> Outcome:
-        reached = ~after.reached_s.isnan()
+        reached = after.reached_s.isfinite()
         return Outcome(
             reward_m=distance_reduction_m(before, after),
             reached=reached,

@@ -46,7 +46,7 @@ class Leg:
     least_distance_m: Float[Tensor, "chase"]
     """Between centre and target, while it is judged."""
     reached_s: Float[Tensor, "chase"]
-    """When the target was first reached; NaN where it was not."""
+    """When the target was first reached; infinite where it was not."""
 
 
 @runtime_checkable
@@ -152,7 +152,7 @@ class StopAndListen:
             sample_target_m = target.position_m[:, None]
             least_distance_m = length(center_m - target.position_m)
             is_there = least_distance_m <= self._scenario.success_radius_m
-            reached_s = torch.where(is_there, begin_s, torch.nan)
+            reached_s = torch.where(is_there, begin_s, torch.inf)
         else:
             hovering = Swarm(center_m, torch.zeros_like(center_m))
             target, target_m = self._window.flown(self._behaviour, target, [hovering] * self._window.steps)
