@@ -1,6 +1,8 @@
 """``compare``: the same chases for all, differences chase by chase, tables and figures from what lies on disk."""
 
+import contextlib
 import dataclasses
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -33,7 +35,7 @@ from swarmchase.evaluation.comparison import (
     timed_decisions_ms,
 )
 from swarmchase.evaluation.paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
-from swarmchase.evaluation.statistics import nearest_rank_percentile
+from swarmchase.evaluation.statistics import nearest_rank_percentile, share_interval
 from swarmchase.evaluation.table import Evaluation, evaluate
 from swarmchase.reports.comparison import distribution_figure, percentile_figure, world_figure
 from swarmchase.reports.comparison_tables import comparison_tables
@@ -200,6 +202,24 @@ def test_the_tables_by_hand() -> None:
     assert tables["difference of the mean from recurrent"].splitlines()[3] == "| 0.5 | 100 | +10.00 [10.00, 10.00] |"
     assert tables["milliseconds a decision: median, 99th percentile"].splitlines()[2:] == ["| 0.5 | 10 | 1.2, 2.5 |"]
     assert tables["reached"].splitlines()[2] == "| 0.5 | 10 | 100.00 % | 100.00 % |"
+
+
+def test_where_the_clock_measures_the_seconds_come_first(tmp_path: Path) -> None:
+    """The real command: ten flights of two who know where the target is, and one who does not."""
+    words = "compare --controllers oracle-intercept oracle random --scenario flight --behaviour waypoints --json"
+    told = "--target-speed-mps 5 --max-movements 119 --episodes 10 --processes 1 --folder"
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        main([*words.split(), *told.split(), str(tmp_path)])
+    intercept, pursuit, blind = json.loads(output.getvalue())
+    assert intercept["capture_s_mean"] < pursuit["capture_s_mean"] < blind["capture_s_mean"] == 60
+    assert blind["captured_within_s"] == {"60": 0, "120": 0, "300": 0}
+    assert pursuit["captured_within_s_ci95"]["60"] == pytest.approx(share_interval(10, 10))
+    tables = comparison_tables([intercept, pursuit, blind])
+    assert next(iter(tables)) == "seconds until the capture, mean"
+    assert tables["captured within 60 s"].splitlines()[2].endswith("| 0.0 % [0.0, 30.8] |")
+    assert sorted(path.name for path in tmp_path.glob("*.p*")) == ["capture.pdf", "capture.png", "comparison.parquet"]
+    assert [chase.capture_s for chase in read_results(tmp_path / TABLE_FILE)[2].evaluation.chases] == [60] * 10
 
 
 def test_worlds_stand_in_the_table_where_there_are_several() -> None:

@@ -108,7 +108,7 @@ def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> 
             row["sampling_hz"],
             row["spatial_correlation"],
             row["world"],
-        ): [chase.movements for chase in result.evaluation.chases]
+        ): [chase.movements if chase.capture_s is None else chase.capture_s for chase in result.evaluation.chases]
         for result, row in zip(results, rows, strict=True)
     }
     return draw_comparison(folder, movements, rows)

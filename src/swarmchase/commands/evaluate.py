@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
-from ..reports.intervals import shown_interval
+from ..reports.intervals import shown_interval, shown_share
 from ..scenario import Scenario
 from .options import ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
 from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, explain_choice, print_json, refusals_held_back
@@ -127,9 +127,9 @@ _SHOWN_BY_MOVEMENTS: dict[str, Callable[[dict[str, Any]], str]] = {
     "mean tracking time at 5 m/s": lambda row: f"{row['tracking_time_mean_s']['5']:.0f} s",
 }
 _SHOWN_BY_THE_CLOCK: dict[str, Callable[[dict[str, Any]], str]] = {
-    "captured within 60 s": lambda row: _shown_share(row, "60"),
-    "captured within 120 s": lambda row: _shown_share(row, "120"),
-    "captured within 300 s": lambda row: _shown_share(row, "300"),
+    "captured within 60 s": lambda row: _captured(row, "60"),
+    "captured within 120 s": lambda row: _captured(row, "120"),
+    "captured within 300 s": lambda row: _captured(row, "300"),
     "capture, mean": lambda row: f"{row['capture_s_mean']:.1f} s" + shown_interval(row["capture_s_mean_ci95"], 1),
     "capture, median": lambda row: f"{row['capture_s_p50']:.1f} s" + shown_interval(row["capture_s_p50_ci95"], 1),
     "capture, 90th percentile": lambda row: (
@@ -140,6 +140,5 @@ _SHOWN_BY_THE_CLOCK: dict[str, Callable[[dict[str, Any]], str]] = {
 }
 
 
-def _shown_share(row: dict[str, Any], limit: str) -> str:
-    low, high = row["captured_within_s_ci95"][limit]
-    return f"{100 * row['captured_within_s'][limit]:.1f} %" + shown_interval([100 * low, 100 * high], 1)
+def _captured(row: dict[str, Any], limit: str) -> str:
+    return shown_share(row["captured_within_s"][limit], row["captured_within_s_ci95"][limit])

@@ -210,6 +210,9 @@ def _comparison_table(results: Sequence[Result]) -> "pa.Table":
         "reached": [chase.reached for _, chase in rows],
         "path_length_m": pa.array([chase.path_length_m for _, chase in rows], pa.float32()),
     }
+    if any(chase.capture_s is not None for _, chase in rows):
+        columns["capture_s"] = pa.array([chase.capture_s for _, chase in rows], pa.float64())
+        columns["least_distance_m"] = pa.array([chase.least_distance_m for _, chase in rows], pa.float64())
     return pa.table(columns)
 
 

@@ -30,15 +30,18 @@ MOST_PANELS = 12
 PANELS_A_ROW = 4
 
 Row = dict[str, Any]
-MovementsByPlace = Mapping[tuple[str, float, float, str], Sequence[int]]
-"""Movements of every chase by (controller, F, rho, world)."""
+MovementsByPlace = Mapping[tuple[str, float, float, str], Sequence[float | int]]
+"""Movements of every chase, or seconds until its capture, by (controller, F, rho, world)."""
 
 
 def draw_comparison(folder: Path, movements: MovementsByPlace, rows: Sequence[Row]) -> list[Path]:
     """Draw what the results have: distributions, and percentiles against F or, in several worlds, means by world.
+    Where chases are measured by the clock, the distributions of the seconds until the capture.
 
     ``rows`` are the summaries of the same results. Returns the PNG files.
     """
+    if "capture_s_mean" in rows[0]:
+        return _drawn(folder, {"capture": lambda: capture_figure(movements)})
     several_worlds = len({row["world"] for row in rows}) > 1
     figures: dict[str, Callable[[], Figure]] = {
         "movements": lambda: distribution_figure(movements),
@@ -48,6 +51,10 @@ def draw_comparison(folder: Path, movements: MovementsByPlace, rows: Sequence[Ro
             else {"percentile": lambda: percentile_figure(rows)}
         ),
     }
+    return _drawn(folder, figures)
+
+
+def _drawn(folder: Path, figures: Mapping[str, Callable[[], Figure]]) -> list[Path]:
     for name, make in figures.items():
         with mpl.rc_context(STYLE):
             figure = make()
@@ -58,35 +65,54 @@ def draw_comparison(folder: Path, movements: MovementsByPlace, rows: Sequence[Ro
 
 def distribution_figure(movements: MovementsByPlace) -> Figure:
     """Distribution of the number of movements, one panel a setting and world, the first ``MOST_PANELS`` of them."""
-    places = list(dict.fromkeys(key[1:] for key in movements))[:MOST_PANELS]
+    figure, panels = _distributions(movements, "movements")
+    for axes, place in panels:
+        stated = MOVEMENTS_P90.get(place[:2])
+        if stated is not None:
+            mark_stated(axes, stated, 0.9, STATED_COLOR)
+        axes.set(xscale="log", xlim=(13, MOST_SHOWN))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xticks([15, 30, 60, 120], ["15", "30", "60", "120"])
+    return figure
+
+
+def capture_figure(capture_s: MovementsByPlace) -> Figure:
+    """Distribution of the seconds until the capture, panels as above; a chase without one counts as long as it lasted,
+    where the panels end.
+    """
+    figure, panels = _distributions(capture_s, "seconds until the capture")
+    for axes, _ in panels:
+        # Just before the end, where the step of those without a capture would look like captures.
+        axes.set_xlim(0, 0.999 * max(max(seconds) for seconds in capture_s.values()))
+    return figure
+
+
+def _distributions(values: MovementsByPlace, label: str) -> tuple[Figure, list[tuple[Axes, tuple[float, float, str]]]]:
+    """The panels and what each is of."""
+    places = list(dict.fromkeys(key[1:] for key in values))[:MOST_PANELS]
     columns = min(PANELS_A_ROW, len(places))
     lines = -(-len(places) // columns)
     width = PAGE_WIDTH_INCHES if columns > 1 else 0.6 * PAGE_WIDTH_INCHES
     figure = Figure(figsize=(width, 0.5 + 1.9 * lines), layout="constrained")
     panels = figure.subplots(lines, columns, sharey=True, sharex=True, squeeze=False)
-    styles = _styles(key[0] for key in movements)
+    styles = _styles(key[0] for key in values)
     for axes, place in zip(panels.flat, places, strict=False):
         for controller, (color, _, line) in styles.items():
-            if (controller, *place) in movements:
-                draw_cdf(axes, movements[controller, *place], color, line, controller)
-        stated = MOVEMENTS_P90.get(place[:2])
-        if stated is not None:
-            mark_stated(axes, stated, 0.9, STATED_COLOR)
+            if (controller, *place) in values:
+                draw_cdf(axes, values[controller, *place], color, line, controller)
         axes.axhline(0.9, color="black", linewidth=0.4)
         axes.set_title(_place_title(place))
-        axes.set(xscale="log", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_xticks([15, 30, 60, 120], ["15", "30", "60", "120"])
+        axes.set_ylim(0, 1.02)
     for axes in panels.flat[len(places) :]:
         axes.set_visible(False)
     for axes in panels[:, 0]:
         axes.set_ylabel("share of chases")
     for number, axes in enumerate(panels.flat[: len(places)]):
         if number + columns >= len(places):
-            axes.set_xlabel("movements")
+            axes.set_xlabel(label)
             axes.tick_params(labelbottom=True)
     _legend_below(figure, list(panels.flat[: len(places)]))
-    return figure
+    return figure, list(zip(panels.flat, places, strict=False))
 
 
 def percentile_figure(rows: Sequence[Row]) -> Figure:

@@ -3,14 +3,17 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .intervals import shown_interval
+from .intervals import shown_interval, shown_share
 
 Row = dict[str, Any]
 
 
 def comparison_tables(rows: Sequence[Row]) -> dict[str, str]:
-    """Every table by its name: movements, differences from the first controller, and decision times if measured."""
+    """Every table by its name: movements, differences from the first controller, and decision times if measured.
+    Where chases are measured by the clock, capture times come first.
+    """
     tables = {
+        **(_by_the_clock(rows) if "capture_s_mean" in rows[0] else {}),
         "90th percentile of movements": _by_place(rows, _percentile),
         "mean movements": _by_place(rows, _mean),
         "reached": _by_place(rows, lambda row: f"{100 * row['success_rate']:.2f} %"),
@@ -24,6 +27,25 @@ def comparison_tables(rows: Sequence[Row]) -> dict[str, str]:
     if timed:
         tables["milliseconds a decision: median, 99th percentile"] = _by_place(timed, _decision)
     return tables
+
+
+def _by_the_clock(rows: Sequence[Row]) -> dict[str, str]:
+    return {
+        "seconds until the capture, mean": _by_place(rows, lambda row: _seconds(row, "mean")),
+        "seconds until the capture, 90th percentile": _by_place(rows, lambda row: _seconds(row, "p90")),
+        **{
+            f"captured within {limit} s": _by_place(rows, lambda row, limit=limit: _captured(row, limit))  # type: ignore[misc]
+            for limit in rows[0]["captured_within_s"]
+        },
+    }
+
+
+def _seconds(row: Row, which: str) -> str:
+    return f"{row[f'capture_s_{which}']:.1f}" + shown_interval(row[f"capture_s_{which}_ci95"], 1)
+
+
+def _captured(row: Row, limit: str) -> str:
+    return shown_share(row["captured_within_s"][limit], row["captured_within_s_ci95"][limit])
 
 
 def _by_place(rows: Sequence[Row], shown: Callable[[Row], str]) -> str:

@@ -17,8 +17,8 @@ MOST_SHOWN = 220
 FORMATS = (".png", ".pdf")
 
 
-def draw_cdf(axes: Axes, values: Sequence[int], color: str, line: str, label: str) -> None:
-    """Share of the chases that needed at most so many movements, with its 95 % band."""
+def draw_cdf(axes: Axes, values: Sequence[float | int], color: str, line: str, label: str) -> None:
+    """Share of the chases that needed at most so many movements, or so long, with its 95 % band."""
     ordered = np.sort(np.asarray(values))
     share = np.arange(1, len(ordered) + 1) / len(ordered)
     band = math.sqrt(math.log(2 / (1 - CONFIDENCE)) / (2 * len(ordered)))
