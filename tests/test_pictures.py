@@ -1,5 +1,6 @@
-"""The picture in the docs is taken by a command from a real run."""
+"""The pictures in the docs are made by commands from real runs."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -29,3 +30,19 @@ def test_the_picture_of_the_page_is_taken_of_a_chase(tmp_path: Path) -> None:
     hues, saturations, _ = np.moveaxis(np.asarray(picture, dtype=np.int64), 2, 0)
     teal_or_blue = (hues > 118) & (hues < 155) & (saturations > 150)  # the name of a state that is under way
     assert np.count_nonzero(teal_or_blue) > 200
+
+
+def test_the_picture_of_a_flying_target_is_drawn_from_the_chase_that_the_docs_name(tmp_path: Path) -> None:
+    """Its title, which the file keeps, says what was chased and when it was reached."""
+    out = tmp_path / "moving-chase.png"
+    words = [sys.executable, "docs/moving_picture.py", "--out", str(out)]
+    ran = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["moving-chase.png"]
+    with Image.open(out) as drawn, Image.open(ROOT / "docs" / "figures" / "moving-chase.png") as shown:
+        assert drawn.size == shown.size
+        assert drawn.info["Title"] == shown.info["Title"]
+        assert "target (jink, 8 m/s) reached in" in drawn.info["Title"]
+    chase = re.search(r'^CHASE = "(.*)"$', (ROOT / "docs" / "moving_picture.py").read_text(), re.MULTILINE)
+    assert chase is not None
+    assert f"    swarmchase {chase[1]}\n" in (ROOT / "docs" / "moving.md").read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ import matplotlib.image
 import pyarrow.parquet as pq
 import pytest
 import torch
+from PIL import Image, ImageSequence
 
 from swarmchase.cli import COMMANDS, main
 from swarmchase.commands import options, train
@@ -151,6 +152,31 @@ def test_ctrl_c_before_the_command_is_known_ends_it_without_a_word(while_importi
     assert (ran.returncode, ran.stdout, ran.stderr) == (-signal.SIGINT, "", "")
 
 
+def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(tmp_path: Path) -> None:
+    """Four movements: at 0.5, 1.5 and 2.5 s there is a line, at 1 and 2 s there is none."""
+    words = "chase --scenario flight --behaviour flee --target-speed-mps 5 --max-movements 4 --controller oracle"
+    ran = run(*words.split(), "--seed", "2", "--json", "--animation", "films/chase.gif", folder=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    document = json.loads(ran.stdout)
+    opening, *lines = ran.stderr.splitlines()
+    assert opening == (
+        "The target is 60 to 300 m away in an unknown direction and flies (flee) at up to 5 m/s. Six trackers fly at "
+        "up to 10 m/s and listen on their way: 20 samples a second, a decision every 0.5 s."
+    )
+    told = [line for line in lines if " m away" in line]
+    assert [line.split(" s  target ")[0].strip() for line in told] == ["0.5", "1.5", "2.5"]
+    assert ["closing" in line for line in told] == [False, True, True]
+    for shown in ("Least distance", "Way of the centre", "2.5 s", "target not reached", "6/6"):
+        assert shown in ran.stderr
+    assert (document["format"], document["capture_s"]) == (2, 2.5)
+    assert sorted(path.name for path in (tmp_path / "chase-output").iterdir()) == ["chase.json", "chase.png"]
+    with Image.open(tmp_path / "films" / "chase.gif") as film:
+        assert film.n_frames == 6  # type: ignore[attr-defined]  # the beginning, the first decision, four movements
+        for frame in ImageSequence.Iterator(film):
+            low, high = frame.convert("L").getextrema()
+            assert (low, high) == (0, 255)
+
+
 def test_evaluate_prints_the_promised_keys_and_the_chases_of_its_seed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -230,6 +256,13 @@ EVALUATE = "evaluate --controller random --episodes 2"
         (f"{EVALUATE} --seed -1", "seed = -1 is refused: allowed is at least 0"),
         ("chase --controller random --seed -1", "seed = -1, chase = 0 is refused"),
         ("chase --controller random --chase -1", "seed = 0, chase = -1 is refused"),
+        ("chase --controller nobody --animation film.webm", "animation film.webm is refused: allowed is a file that"),
+        (
+            "chase --controller random --animation film",
+            "animation film is refused: allowed is a file that ends in .gif",
+        ),
+        ("chase --controller random --animation folder.gif", "cannot write folder.gif: it exists and is no regular"),
+        ("chase --controller random --animation file.txt/film.gif", "cannot write file.txt/film.gif: Not a directory"),
         ("chase --controller random --folder file.txt/below", "cannot write file.txt/below/chase.json"),
         ("chase --controller random --folder /proc/nowhere", "cannot write /proc/nowhere/chase.json"),
         (f"{EVALUATE} --table file.txt/below/table.parquet", "cannot write file.txt/below/table.parquet"),
@@ -263,6 +296,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     (folder / "file.txt").write_text("neither weights nor a scenario\n")
     (folder / "folder").mkdir()
     (folder / "folder.safetensors").mkdir()
+    (folder / "folder.gif").mkdir()
     (folder / "other.toml").write_text("speed = 3\n")
     save_weights(folder / "whole.safetensors", SwarmNetworks(torch.Generator().manual_seed(1)), {})
     (folder / "cut.safetensors").write_bytes((folder / "whole.safetensors").read_bytes()[:100_000])

@@ -132,7 +132,8 @@ def test_drawing_needs_neither_simulator_nor_torch(log_path: Path, tmp_path: Pat
         text=True,
         check=True,
     )
-    own = ["errors", "files", "locks", "reports", "reports.chase", "reports.style"]
+    own = ["errors", "files", "locks", "reports"]
+    own += [f"reports.{name}" for name in ("chase", "flight_paths", "moving_chase", "plan_view", "style")]
     assert ran.stdout == f"{[f'swarmchase.{name}' for name in own]}\n"
     assert (tmp_path / "chase.png").stat().st_size > 10_000
 

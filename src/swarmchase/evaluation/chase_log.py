@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,11 @@ from ..world.environment import Outcome, State, distance_to_target_m
 from ..world.target import draw_target_position_m
 from .play import play
 from .table import SPEEDS_MPS, tracking_time_s
+
+FORMAT = 2
+"""Of the log of a chase that is measured by the clock. The log of one measured by movements is the first format, which
+has no number.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,23 +42,45 @@ class Moment:
     truncated: bool
 
 
+@dataclass(frozen=True)
+class TimedMoment(Moment):
+    """The same, and when: where chases are measured by the clock. Times are since the chase began."""
+
+    time_s: float
+    """Of the decision that follows; the window was heard until then."""
+    center_velocity_mps: list[float]
+    target_position_m: list[float]
+    target_velocity_mps: list[float]
+    sample_time_s: list[float]
+    """When each sample of the window was heard."""
+    least_distance_m: float
+    """Between centre and target so far."""
+    reached_s: float | None
+    """When the target was reached on the way here; None where it was not."""
+
+
 def run_chase(scenario: Scenario, controller: Controller, seed: int, chase: int) -> Iterator[Moment]:
-    """Chase number ``chase`` of run ``seed``, yielded movement by movement."""
+    """Chase number ``chase`` of run ``seed``, yielded movement by movement; ``TimedMoment``s where the scenario is told
+    in seconds.
+    """
+    moment_of = _timed_moment if scenario.is_told_in_seconds else _moment
     for number, step in enumerate(play(scenario, controller, seed, range(chase, chase + 1), 1)):
         if number == 0:
-            yield _moment(step.before, None, [0.0, 0.0, 0.0])
-        yield _moment(step.after, step.outcome, step.action.displacement_m[0].tolist())
+            yield moment_of(step.before, None, [0.0, 0.0, 0.0])
+        yield moment_of(step.after, step.outcome, step.action.displacement_m[0].tolist())
 
 
 def chase_log(
     scenario: Scenario, controller: Controller, seed: int, chase: int, moments: list[Moment]
 ) -> dict[str, Any]:
-    """The whole chase as JSON can hold it: what is needed to redo it, its summary and every movement."""
+    """The whole chase as JSON can hold it: what is needed to redo it, its summary and every movement.
+
+    The target's position in the head is that of its start.
+    """
     last = moments[-1]
-    way = np.array(last.movement), np.array(last.path_length_m)
-    times = {f"{speed:g}": float(tracking_time_s(scenario, *way, speed)) for speed in SPEEDS_MPS}
     return {
         "version": __version__,
+        **({"format": FORMAT} if isinstance(last, TimedMoment) else {}),
         "scenario": scenario.to_dict(),
         "controller": controller.name,
         "seed": seed,
@@ -63,7 +90,7 @@ def chase_log(
         "movements": last.movement,
         "final_distance_m": last.distance_m,
         "path_length_m": last.path_length_m,
-        "tracking_time_s": times,
+        **(_times_by_clock(last) if isinstance(last, TimedMoment) else _times_at_speeds(scenario, last)),
         "moments": [asdict(moment) for moment in moments],
     }
 
@@ -71,6 +98,19 @@ def chase_log(
 def save_chase_log(path: Path, log: dict[str, Any]) -> None:
     """Write the log as JSON, whole or not at all."""
     write_text_atomically(path, json.dumps(log) + "\n")
+
+
+def _times_at_speeds(scenario: Scenario, last: Moment) -> dict[str, Any]:
+    way = np.array(last.movement), np.array(last.path_length_m)
+    return {"tracking_time_s": {f"{speed:g}": float(tracking_time_s(scenario, *way, speed)) for speed in SPEEDS_MPS}}
+
+
+def _times_by_clock(last: TimedMoment) -> dict[str, Any]:
+    """As the evaluation's table has them: where the target was not reached, how long the chase lasted."""
+    return {
+        "capture_s": last.time_s if last.reached_s is None else last.reached_s,
+        "least_distance_m": last.least_distance_m,
+    }
 
 
 def _moment(state: State, outcome: Outcome | None, displacement_m: list[float]) -> Moment:
@@ -85,4 +125,18 @@ def _moment(state: State, outcome: Outcome | None, displacement_m: list[float]) 
         rssi_dbm=[[round(value, 3) for value in sample] for sample in state.rssi_dbm[0].tolist()],
         reached=outcome is not None and bool(outcome.reached[0]),
         truncated=outcome is not None and bool(outcome.truncated[0]),
+    )
+
+
+def _timed_moment(state: State, outcome: Outcome | None, displacement_m: list[float]) -> TimedMoment:
+    moment = _moment(state, outcome, displacement_m)
+    return TimedMoment(
+        **{field.name: getattr(moment, field.name) for field in fields(moment)},
+        time_s=float(state.time_s[0]),
+        center_velocity_mps=state.center_velocity_mps[0].tolist(),
+        target_position_m=state.target.position_m[0].tolist(),
+        target_velocity_mps=state.target.velocity_mps[0].tolist(),
+        sample_time_s=[round(time_s, 6) for time_s in state.sample_time_s[0].tolist()],
+        least_distance_m=float(state.least_distance_m[0]),
+        reached_s=float(state.reached_s[0]) if moment.reached else None,
     )

@@ -9,16 +9,31 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .style import PAGE_WIDTH_INCHES, STYLE, TRACKER_COLORS, TRACKER_MARKERS, TRACKER_NAMES, save_figure
+from .flight_paths import is_told_in_seconds
+from .moving_chase import draw_moving_chase
+from .style import (
+    PAGE_WIDTH_INCHES,
+    STYLE,
+    TARGET_COLOR,
+    TRACKER_COLORS,
+    TRACKER_MARKERS,
+    TRACKER_NAMES,
+    save_figure,
+)
 
-TARGET_COLOR = "#D55E00"
 START_COLOR = "#0072B2"
 SHADOW_COLOR = "#B0B0B0"
 MOST_MARKERS = 25
 
 
 def draw_chase(log: dict[str, Any], path: Path) -> None:
-    """The path in 3-D, the six RSSI traces, distance and spacing, from a chase's log, as PNG or PDF."""
+    """The path in 3-D, the six RSSI traces, distance and spacing, from a chase's log, as PNG or PDF.
+
+    A chase that is measured by the clock has a picture of its own: ``moving_chase``.
+    """
+    if is_told_in_seconds(log):
+        draw_moving_chase(log, path)
+        return
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(PAGE_WIDTH_INCHES, 4.2), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15), height_ratios=(2.1, 1.3, 0.8))

@@ -12,11 +12,13 @@ from matplotlib.figure import Figure
 from ..files import atomic_path
 
 PAGE_WIDTH_INCHES = 7.16
+COLUMN_WIDTH_INCHES = 3.5
 TRACKER_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 TRACKER_COLORS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#00694E", "#CC79A7")
 """Okabe and Ito's colours (+z darkened), distinguishable without colour vision; + is darker than its opposite."""
 TRACKER_MARKERS = ("o", "o", "s", "s", "^", "^")
 """One shape an axis: filled on its positive side, hollow on the other."""
+TARGET_COLOR = "#D55E00"
 CONTROLLER_STYLES = (
     ("#000000", "o", "-"),
     ("#0072B2", "s", "--"),
