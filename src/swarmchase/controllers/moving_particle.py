@@ -10,7 +10,7 @@ What each tracker has heard since the last decision enters by the fading that is
 is taken out, averaged over the samples in milliwatts. The mean power of Rician fading is nearly gamma distributed, and
 the cube root of a gamma variable nearly normal (Wilson and Hilferty 1931), with a shape that grows with the number of
 samples that count: at 20 Hz nearly all of them while target and swarm fly against each other, but one or two when they
-fly together (``_shape``). So the belief is no surer than it may be.
+fly together (``_variance``). So the belief is no surer than it may be.
 
 All particles have the same weight after every decision: resampling is systematic, and moves the copies of a particle
 apart by a Gaussian kernel in proportion to the belief (regularised particle filter: Musso, Oudjane and Le Gland 2001).
@@ -61,10 +61,12 @@ LEAST_SPREAD_DB = 0.1
 """Standard deviation of a tracker's mean power, at least: no particles would be near enough to one that says more."""
 MOST_CORRELATION = 0.99
 """Between trackers, for the same reason."""
-KERNEL_WIDTH = 0.15
+KERNEL_WIDTH = 0.25
 """Standard deviation of the kernel in those of the belief."""
 LEAST_KERNEL_M = 0.1
 LEAST_KERNEL_MPS = 0.05
+SPEED_STEP_MPS, NUM_SPEEDS = 0.02, 2000
+"""Speeds of target and swarm against each other for which the fading is tabulated."""
 SURPRISES = 3
 """So many improbable intervals in a row mean that the target is not among the particles."""
 IMPROBABLE = 28.0
@@ -110,6 +112,7 @@ class MovingParticleController:
         self._changes_per_s = torch.tensor(CHANGES_PER_S)
         self._acceleration_mps2 = torch.tensor(ACCELERATION_MPS2)
         self._axis_share = torch.tensor([1.0, 1.0, CLIMB_SHARE])[:, None]
+        self._alike_of: dict[int, Float[Tensor, "speed"]] = {}
         self._correlation = min(_correlation_of_powers(scenario), MOST_CORRELATION)
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> MovingParticleMemory:
@@ -190,7 +193,7 @@ class MovingParticleController:
         num_heard = rssi_dbm.isfinite().sum(dim=1)
         heard = num_heard > 0
         fading_np = self._fading_np(memory, observation, age_s, num_heard)
-        shape = self._shape(memory, observation, age_s, num_heard)[..., None]
+        shape = 1 / self._variance(memory, observation, age_s, num_heard)
         root = (fading_np / 3).exp()
         normal = torch.where(heard[..., None], 3 * shape.sqrt() * (root - 1 + 1 / (9 * shape)), 0.0)
         # The correlation matrix (1 - c) I + c 1 1^T of the trackers that have heard something.
@@ -199,7 +202,7 @@ class MovingParticleController:
         apart = torch.where(heard[..., None], normal - mean[:, None], 0.0).square().sum(dim=1)
         squared = apart / (1 - self._correlation)
         squared = squared + counts * mean.square() / (1 + (counts - 1) * self._correlation)
-        log_slope = torch.where(heard[..., None], fading_np / 3, 0.0).sum(dim=1)
+        log_slope = torch.where(heard[..., None], fading_np / 3 + shape.log() / 2, 0.0).sum(dim=1)
         deaf = ~heard.any(dim=1)
         return (log_slope - squared / 2).double(), (squared.amin(dim=1) > IMPROBABLE) & ~deaf, deaf
 
@@ -231,42 +234,45 @@ class MovingParticleController:
             power += loss_np.mul_(self._scenario.path_loss_exponent / 2).add_(excess_np).exp_()
         return power.clamp_min_(1e-30).log_()
 
-    def _shape(
+    def _variance(
         self,
         memory: MovingParticleMemory,
         observation: Observation,
         age_s: Float[Tensor, "chase sample"],
         num_heard: Int[Tensor, "chase tracker"],
-    ) -> Float[Tensor, "chase tracker"]:
-        """Of the gamma law of each tracker's mean power: one over its relative variance.
+    ) -> Float[Tensor, "chase tracker particle"]:
+        """Of each tracker's mean power relative to its mean, if the target flew as each particle does.
 
-        Of one sample the relative variance is (2 K + 1) / (K + 1)^2, and two are correlated like
-        (J0(x)^2 + 2 K J0(x)) / (1 + 2 K), x being 2 pi times the wavelengths that the target has come nearer between them.
+        Of one sample it is (2 K + 1) / (K + 1)^2.
         """
-        k = self._scenario.rician_k
-        doppler_hz = torch.full((len(age_s), 1, 1), self._scenario.doppler_spread_hz, dtype=torch.float64)
-        if self._scenario.continuity == "in_flight":
-            speed_mps = self._relative_speed_mps(memory, observation, age_s)
-            by_motion_hz = speed_mps * (self._scenario.carrier_hz / SPEED_OF_LIGHT_MPS)
-            doppler_hz = torch.maximum(doppler_hz, by_motion_hz[:, None, None])
-        apart_s = (age_s[:, :, None] - age_s[:, None]).abs()
-        bessel = torch.special.bessel_j0(2 * math.pi * doppler_hz * apart_s)
-        alike = (bessel.square() + 2 * k * bessel) / (1 + 2 * k)
-        num_samples = alike.shape[1]
-        pairs = max(num_samples * (num_samples - 1), 1)
-        alike = ((alike.sum(dim=(1, 2)) - num_samples) / pairs).clamp(0.0, 1.0)[:, None]
-        each = num_heard.clamp(min=1)
-        variance = (2 * k + 1) / (k + 1) ** 2 * (1 + (each - 1) * alike) / each
-        return (1 / (variance + (LEAST_SPREAD_DB * NEPERS_PER_DB) ** 2)).float()
-
-    def _relative_speed_mps(
-        self, memory: MovingParticleMemory, observation: Observation, age_s: Float[Tensor, "chase sample"]
-    ) -> Float[Tensor, "chase"]:
-        """Of target and swarm in this interval, as the particles expect it."""
         flown_m = center_m(observation) - observation.tracker_position_m[:, 0].double().mean(dim=1)
-        swarm_mps = flown_m / age_s[:, :1].clamp(min=1e-3)
-        apart_mps = memory.velocity_mps - swarm_mps.float()[..., None]
-        return _length(apart_mps)[:, 0].double().mean(dim=1)
+        swarm_mps = (flown_m / age_s[:, :1].clamp(min=1e-3)).float()
+        speed_mps = _length(memory.velocity_mps - swarm_mps[..., None])[:, 0]
+        step = (speed_mps / SPEED_STEP_MPS).round_().clamp_(max=NUM_SPEEDS - 1).long()
+        alike = _each(self._alike(observation.rssi_dbm.shape[1]), step)[:, None]
+        k, number = self._scenario.rician_k, num_heard.clamp(min=1)[..., None]
+        one = (2 * k + 1) / (k + 1) ** 2
+        return one * ((number - 1) * alike + 1) / number + (LEAST_SPREAD_DB * NEPERS_PER_DB) ** 2
+
+    def _alike(self, num_samples: int) -> Float[Tensor, "speed"]:
+        """The mean correlation between the powers of two different samples of an interval, speed by speed.
+
+        Two samples are correlated like (J0(x)^2 + 2 K J0(x)) / (1 + 2 K), x being 2 pi times the wavelengths that target
+        and trackers have flown against each other between them.
+        """
+        if num_samples not in self._alike_of:
+            scenario = self._scenario
+            speed_mps = torch.arange(NUM_SPEEDS, dtype=torch.float64) * SPEED_STEP_MPS
+            if scenario.continuity != "in_flight":
+                speed_mps = torch.zeros_like(speed_mps)
+            doppler_hz = (speed_mps * scenario.carrier_hz / SPEED_OF_LIGHT_MPS).clamp(min=scenario.doppler_spread_hz)
+            lag = torch.arange(1, num_samples, dtype=torch.float64)
+            bessel = torch.special.bessel_j0(2 * math.pi * doppler_hz[:, None] * lag / scenario.sampling_hz)
+            alike = (bessel.square() + 2 * scenario.rician_k * bessel) / (1 + 2 * scenario.rician_k)
+            pairs = num_samples - lag
+            mean = (alike * pairs).sum(dim=1) / pairs.sum().clamp(min=1)
+            self._alike_of[num_samples] = mean.clamp(min=0.0).float()
+        return self._alike_of[num_samples]
 
     def _resampled(
         self, memory: MovingParticleMemory, weight: Float[Tensor, "chase particle"], center: Float[Tensor, "chase 3"]
