@@ -264,7 +264,8 @@ class MovingParticleController:
         """The mean correlation between the powers of two different samples of an interval, speed by speed.
 
         Two samples are correlated like (J0(x)^2 + 2 K J0(x)) / (1 + 2 K), x being 2 pi times the wavelengths that
-        target and trackers have flown against each other between them.
+        target and trackers have flown against each other between them. A negative mean counts as none: it takes a speed
+        that is exactly even.
         """
         if num_samples not in self._alike_of:
             scenario = self._scenario
