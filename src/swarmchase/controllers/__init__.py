@@ -15,6 +15,7 @@ from ..ranges import shown
 from ..scenario import Scenario
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
+from .moving_particle import MovingParticleController
 from .multilateration import MultilaterationController
 from .oracle import OracleController
 from .particle import ParticleController
@@ -34,8 +35,15 @@ __all__ = [
     "weights_sha256",
 ]
 
+
+def _particle(scenario: Scenario) -> Controller:
+    """The one for the scenario's pace."""
+    in_flight = scenario.pace == "listen_in_flight"
+    return MovingParticleController(scenario) if in_flight else ParticleController(scenario)
+
+
 _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
-    "particle": ParticleController,
+    "particle": _particle,
     "particle-unknown-power": partial(ParticleController, name="particle-unknown-power", power_is_known=False),
     "multilateration": MultilaterationController,
     "multilateration-unknown-power": partial(MultilaterationController, power_is_known=False),
