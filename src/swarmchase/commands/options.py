@@ -49,10 +49,20 @@ def _controller_help(names: Sequence[str]) -> str:
 
 
 ControllerName = Annotated[str, arg(help=_controller_help(CONTROLLERS))]
+ChosenControllerName = Annotated[
+    str | None, arg(help=_controller_help(CONTROLLERS) + " Default is paper, and in flight particle.")
+]
 ListeningControllerName = Annotated[
     str, arg(help=_controller_help([name for name in CONTROLLERS if not name.startswith("oracle")]))
 ]
 """Of a live chase, where nobody can tell the oracle where the target is."""
+
+
+def chosen_controller(given: str | None, scenario: Scenario) -> str:
+    """The controller that was asked for, or the one that chases in this scenario where none was."""
+    if given is not None:
+        return given
+    return "paper" if scenario.pace == "stop_and_listen" else "particle"
 
 
 if TYPE_CHECKING:
