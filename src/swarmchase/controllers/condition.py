@@ -9,6 +9,7 @@ class Condition(IntEnum):
     TRACKING = 0
     """All is well."""
     DEAF = 1
-    """No tracker had a valid sample in the last window: the controller holds still."""
+    """No tracker had a valid sample in the last window: the controller holds still, or flies on to where it
+    expects the target."""
     LOST = 2
     """What was heard contradicted its estimate: it has begun anew from where it is."""

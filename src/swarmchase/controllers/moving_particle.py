@@ -39,7 +39,7 @@ from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
 
 NUM_PARTICLES = 3000
-"""With half as many a target that flees takes 4 s longer, with more it is hardly sooner."""
+"""With half as many a target that flees takes 4 s longer, a decision half as long."""
 STILL, STEADY, MANOEUVRING = range(3)
 """The modes."""
 START_SHARE = (0.3, 0.4, 0.3)
