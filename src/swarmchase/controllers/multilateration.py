@@ -7,7 +7,8 @@ start distance from ruling the fit. It is what localisation from RSSI usually do
 measurements and ranging"), with memory.
 
 Missing samples do not count, and a tracker without any is left out of its window. In a window without any sample it
-holds still. Where the fit leaves the finite numbers it begins anew.
+holds still. Where the fit leaves the finite numbers it begins anew. The target is taken to stand still: what flies it
+does not catch.
 
 ``multilateration-unknown-power`` also fits the transmit power, which it knows to within ``POWER_SPREAD_DB``.
 """
@@ -21,7 +22,7 @@ import torch
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..channel.fading_law import fading_law
 from ..channel.propagation import reference_dbm, slope_db
-from ..formation import Action, nearest_choice
+from ..formation import Action, displacement_towards, nearest_choice
 from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
@@ -67,6 +68,8 @@ class MultilaterationController:
         self._law = fading_law(scenario)
         self._slope_db = slope_db(scenario)
         self._free = torch.tensor([True, True, True, not power_is_known])
+        # Where a start is anywhere in a range, nothing is known of it.
+        self._start_spread = START_SPREAD if scenario.farthest_start_m is None else math.inf
         direction = CANDIDATE_DIRECTION / CANDIDATE_DIRECTION.norm(dim=1, keepdim=True)
         self._candidate = torch.nn.functional.pad(scenario.start_distance_m * direction, (0, 1))
 
@@ -97,7 +100,7 @@ class MultilaterationController:
         left_m = torch.where(deaf[:, None], 0.0, estimate[:, :3] - center)
         action = Action(
             spacing_m=nearest_choice(self._scenario.spacing_choices_m, left_m.norm(dim=1)),
-            displacement_m=nearest_choice(self._scenario.displacement_choices_m, left_m),
+            displacement_m=displacement_towards(self._scenario, left_m),
         )
         condition = torch.where(deaf, int(Condition.DEAF), condition)
         return action, replace(memory, estimate=estimate, condition=condition)
@@ -150,7 +153,7 @@ class MultilaterationController:
         start_m = _length_m(estimate[:, :3])[:, None].clamp(min=1e-6)
         return torch.cat(
             [
-                (start_m / self._scenario.start_distance_m).log() / START_SPREAD,
+                (start_m / self._scenario.start_distance_m).log() / self._start_spread,
                 estimate[:, 3:] / POWER_SPREAD_DB,
                 self._whitened(residual_db[..., None], memory.power_dbm.isfinite()).flatten(1),
             ],
@@ -167,7 +170,7 @@ class MultilaterationController:
         by_estimate = torch.cat([by_position, -torch.ones_like(by_position[..., :1])], dim=3) * self._free
         by_prior = torch.zeros(len(estimate), 2, 4, dtype=torch.float64)
         squared_m2 = _length_m(estimate[:, :3])[:, None].square().clamp(min=1e-12)
-        by_prior[:, 0, :3] = estimate[:, :3] / squared_m2 / START_SPREAD
+        by_prior[:, 0, :3] = estimate[:, :3] / squared_m2 / self._start_spread
         by_prior[:, 1, 3] = self._free[3] / POWER_SPREAD_DB
         whitened = self._whitened(by_estimate, memory.power_dbm.isfinite())
         return torch.cat([by_prior, whitened.flatten(1, 2)], dim=1)
