@@ -17,7 +17,7 @@ from swarmchase.formation import tracker_position_m
 from swarmchase.observation import Observation
 from swarmchase.scenario import paper_scenario
 from swarmchase.world.environment import Environment
-from swarmchase.world.target import draw_target_position_m
+from swarmchase.world.target import draw_start_m
 
 
 def observation_at(center_m, spacing_m=3.0):
@@ -89,7 +89,7 @@ def fewest_movements(target_m, success_radius_m):
 def test_no_sequence_of_movements_is_sooner_than_the_oracle(start_distance_m):
     scenario = paper_scenario(start_distance_m=start_distance_m, window_samples=1)
     results = sorted(run_chases(scenario, OracleController(scenario), 3, range(6)), key=lambda result: result.chase)
-    targets_m = draw_target_position_m(scenario, chase_keys(3, 6)).tolist()
+    targets_m = draw_start_m(scenario, chase_keys(3, 6)).tolist()
     needed = [fewest_movements(target_m, scenario.success_radius_m) for target_m in targets_m]
     assert [result.movements for result in results] == needed
 

@@ -17,7 +17,7 @@ from swarmchase.errors import InputError
 from swarmchase.formation import Action, action_from_choice
 from swarmchase.scenario import load_scenario, paper_scenario
 from swarmchase.world.environment import Environment, distance_to_target_m
-from swarmchase.world.target import draw_target_position_m
+from swarmchase.world.target import draw_start_m
 
 
 def vector(*rows):
@@ -150,7 +150,7 @@ def test_refuses_an_action_outside_the_action_sets(environment, action, message)
 def test_targets_are_uniform_on_their_sphere():
     """Archimedes: each coordinate of a uniform point on a sphere is uniform on [-R, R], and the others follow suit."""
     num_chases = 120_000
-    position_m = draw_target_position_m(paper_scenario(), chase_keys(1, num_chases)).numpy()
+    position_m = draw_start_m(paper_scenario(), chase_keys(1, num_chases)).numpy()
     assert np.linalg.norm(position_m, axis=1) == pytest.approx(np.full(num_chases, 100.0), abs=1e-9)
     rank = (np.arange(num_chases) + 0.5) / num_chases
     generator = np.random.default_rng(0)

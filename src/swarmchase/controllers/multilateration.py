@@ -7,8 +7,8 @@ start distance from ruling the fit. It is what localisation from RSSI usually do
 measurements and ranging"), with memory.
 
 Missing samples do not count, and a tracker without any is left out of its window. In a window without any sample it
-holds still. Where the fit leaves the finite numbers it begins anew. The target is taken to stand still: what flies it
-does not catch.
+holds still. Where the fit leaves the finite numbers it begins anew. The target is taken to stand still; one
+that flies is not caught.
 
 ``multilateration-unknown-power`` also fits the transmit power, which it knows to within ``POWER_SPREAD_DB``.
 """

@@ -13,7 +13,7 @@ from ..controllers.protocol import Controller
 from ..files import write_text_atomically
 from ..scenario import Scenario
 from ..world.environment import Outcome, State, distance_to_target_m
-from ..world.target import draw_target_position_m
+from ..world.target import draw_start_m
 from .play import play
 from .table import SPEEDS_MPS, tracking_time_s
 
@@ -85,7 +85,7 @@ def chase_log(
         "controller": controller.name,
         "seed": seed,
         "chase": chase,
-        "target_position_m": draw_target_position_m(scenario, [(seed, chase)])[0].tolist(),
+        "target_position_m": draw_start_m(scenario, [(seed, chase)])[0].tolist(),
         "reached": last.reached,
         "movements": last.movement,
         "final_distance_m": last.distance_m,

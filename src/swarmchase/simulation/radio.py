@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..live.link.messages import Metres
 from ..scenario import NUM_TRACKERS, Scenario
 from ..world.receivers import Receivers
-from ..world.target import draw_target_position_m
+from ..world.target import draw_start_m
 
 BREAK_BEFORE_S, BREAK_AFTER_S = 0.1, 0.02
 """Around the announced moment nothing is heard, and the window begins with the first sample after that: no two clocks
@@ -61,7 +61,7 @@ class Radio:
         self._since_ns: int | None = None
         """Of the announced window, until it begins."""
         self._center_m: Tensor | None = None
-        self._target_m = draw_target_position_m(scenario, keys)
+        self._target_m = draw_start_m(scenario, keys)
 
     @property
     def target_m(self) -> Metres:

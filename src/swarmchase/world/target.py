@@ -62,7 +62,3 @@ def _within_m(
     z_m = torch.lerp(lowest_m, highest_m, (towards[:, 2:] + 1) / 2)
     bearing = towards[:, :2] / length(towards[:, :2])[:, None]
     return torch.cat([bearing * (distance_m.square() - z_m.square()).clamp_min(0.0).sqrt(), z_m], dim=1)
-
-
-draw_target_position_m = draw_start_m
-"""The name that it had while targets stood still."""
