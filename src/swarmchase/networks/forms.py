@@ -9,8 +9,9 @@ from .fading import FadingForm
 from .gated import GatedForm
 from .paper import PaperForm
 from .protocol import Form, FormSettings, HearingNetworks
+from .windows import WindowsForm
 
-FORMS: dict[str, Form[Any, Any]] = {form.name: form for form in (PaperForm(), GatedForm(), FadingForm())}
+FORMS: dict[str, Form[Any, Any]] = {form.name: form for form in (PaperForm(), GatedForm(), FadingForm(), WindowsForm())}
 
 
 def new_networks(settings: FormSettings, generator: torch.Generator | None = None) -> HearingNetworks:
