@@ -19,16 +19,16 @@ from .unknown_channel import (
     OFFSETS_LIKELY,
     FadingErrors,
     FieldErrors,
-    Heard,
+    Priors,
     heard,
-    log_likelihoods,
     residual_and_slope,
 )
 
 NUM_PARTICLES = 600
 MOST_WINDOWS = 40
 FIELD_SHARE = 0.15
-NUM_PROBED = 60
+NUM_BETWEEN = 10
+LEAST_PAIR_LOG_SHARE = -7.0
 LEAST_FIELD_LOG_SHARE = -7.0
 STUCK_WINDOWS = 3
 RESAMPLING_SHARE = 0.5
@@ -90,7 +90,7 @@ class AdaptiveController:
             own=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, head),
             together=torch.zeros(num_chases, MOST_WINDOWS, feature),
             condition=nothing.clone(),
-            model_share=torch.zeros(num_chases, 2 * len(OFFSETS_LIKELY), dtype=torch.float64),
+            model_share=torch.zeros(num_chases, len(OFFSETS_LIKELY), dtype=torch.float64),
             flat=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, dtype=torch.bool),
             field_evidence=torch.zeros(num_chases, len(FIELDS), dtype=torch.float64),
             streams=streams,
@@ -174,35 +174,39 @@ class AdaptiveController:
         excess_db = level_dbm - reference_dbm(self._scenario) - law.mean_db[0]
         all_heard = heard(excess_db, law.apart_db[0], law.together_db[0])
         tracker_m = memory.place_m[row, :number]
-        posterior = _Posterior(self, all_heard, tracker_m)
-        field_evidence = field_evidence.clone()
-        probed = torch.arange(NUM_PROBED) * NUM_PARTICLES // NUM_PROBED
-        before, _ = posterior(position_m[:, probed])
+        probed = torch.arange(number % NUM_BETWEEN, NUM_PARTICLES, NUM_BETWEEN)
         turn = number % len(FIELDS)
-        probe = _Posterior(self, all_heard, tracker_m, FieldErrors(all_heard, tracker_m, *FIELDS[turn]), only_field=True)
-        evidence = (log_weight[probed] + probe(position_m[:, probed])[1] - log_target[probed]).logsumexp(dim=0)
-        plain = (log_weight[probed] + posterior(position_m[:, probed])[1] - log_target[probed]).logsumexp(dim=0)
-        field_evidence[turn] = evidence - plain
+        plain, field = FadingErrors(all_heard), FieldErrors(all_heard, tracker_m, *FIELDS[turn])
+        probe = _Posterior(self, all_heard, tracker_m, [(Priors(plain), 1 - FIELD_SHARE), (Priors(field), FIELD_SHARE)])
+        (plain_likely, field_likely), _ = probe.parts(position_m[:, probed])
+        before = (log_weight - log_target)[probed] + self._log_prior(position_m[:, probed])
+        plain_share, field_share = ((likely + before).logsumexp(dim=2).double() for likely in (plain_likely, field_likely))
+        field_evidence = field_evidence.clone()
+        field_evidence[turn] = field_share.logsumexp(dim=(0, 1)) - plain_share.logsumexp(dim=(0, 1))
         best = int(field_evidence.argmax())
-        if number > len(FIELDS) and field_evidence[best] > LEAST_FIELD_LOG_SHARE:
-            posterior = _Posterior(self, all_heard, tracker_m, FieldErrors(all_heard, tracker_m, *FIELDS[best]))
-        likely, target = posterior(position_m)
+        kinds = [(Priors(plain, _worth(plain_share)), 1 - FIELD_SHARE)]
+        has_field = number > len(FIELDS) and field_evidence[best] > LEAST_FIELD_LOG_SHARE
+        if has_field:
+            field = field if best == turn else FieldErrors(all_heard, tracker_m, *FIELDS[best])
+            kinds.append((Priors(field, _worth(field_share)), FIELD_SHARE))
+        offsets = plain_share.flatten() if not has_field or field_evidence[best] < 0 else field_share.flatten()
+        share = (offsets - offsets.logsumexp(dim=0)).exp()
+        posterior = _Posterior(self, all_heard, tracker_m, kinds)
+        target = posterior(position_m)
         log_weight = log_weight + target - log_target
         log_weight = log_weight - log_weight.logsumexp(dim=0)
         if 1 / (2 * log_weight).exp().sum() < RESAMPLING_SHARE * NUM_PARTICLES:
             cumulative = log_weight.exp().cumsum(dim=0)
             at = (torch.arange(NUM_PARTICLES) + place) / NUM_PARTICLES
             parent = torch.searchsorted(cumulative, at * cumulative[-1]).clamp_(max=NUM_PARTICLES - 1)
-            position_m, target, likely = position_m[:, parent], target[parent], likely[:, parent]
+            position_m, target = position_m[:, parent], target[parent]
             log_weight = torch.full_like(log_weight, -math.log(NUM_PARTICLES))
         for sweep in range(SWEEPS):
             proposed_m = self._proposed(position_m, log_weight, center, normal[sweep], uniform[sweep])
-            proposed_likely, proposed_target = posterior(proposed_m)
+            proposed_target = posterior(proposed_m)
             accepted = uniform[sweep, 3].log() < proposed_target - target
             position_m = torch.where(accepted, proposed_m, position_m)
             target = torch.where(accepted, proposed_target, target)
-            likely = torch.where(accepted, proposed_likely, likely)
-        share = (likely - likely.logsumexp(dim=0)).exp() @ log_weight.exp()
         return position_m, log_weight, target, share, field_evidence
 
     def _proposed(self, position_m, log_weight, center, normal, uniform):
@@ -241,7 +245,7 @@ class AdaptiveController:
         choice = torch.where(holds, self._displacement_choices_m.abs().argmin(), expected_m.argmin(dim=2))
         distance_m = (left_m.square().sum(dim=1).sqrt() * weight).sum(dim=1)
         spacing_m = nearest_choice(self._scenario.spacing_choices_m, distance_m)
-        offsets = memory.model_share[:, OFFSETS_LIKELY.repeat(2)].sum(dim=1)
+        offsets = memory.model_share[:, OFFSETS_LIKELY].sum(dim=1)
         calibrates = (
             (offsets > CALIBRATE_FROM) & (memory.num_windows < CALIBRATION_WINDOWS) & (memory.num_windows % 2 == 1)
         )
@@ -259,23 +263,28 @@ def _least_missed(place_m):
 class _Posterior:
     """Log density of places."""
 
-    def __init__(self, controller, all_heard, tracker_m, field=None, only_field=False):
-        self._controller, self._heard, self._tracker_m = controller, all_heard, tracker_m
-        self._plain, self._field, self._only_field = FadingErrors(all_heard), field, only_field
+    def __init__(self, controller, all_heard, tracker_m, kinds):
+        self._controller, self._heard, self._tracker_m, self._kinds = controller, all_heard, tracker_m, kinds
 
-    def __call__(self, position_m):
+    def parts(self, position_m):
         scenario = self._controller._scenario
         squared_m2 = sum((position_m[axis] - self._tracker_m[:, :, axis, None]).square_() for axis in range(3))
         log_distance = squared_m2.clamp_(min=scenario.reference_distance_m**2).log10_().mul_(0.5)
         residual, slope = residual_and_slope(self._heard, scenario.path_loss_exponent, log_distance)
-        parts = []
-        if not self._only_field:
-            plain = log_likelihoods(self._plain.sums(residual, slope)) + math.log(1 - FIELD_SHARE)
-            parts = [plain, torch.full_like(plain, -math.inf)]
-        if self._field is not None:
-            parts = [*parts[:1], log_likelihoods(self._field.sums(residual, slope)) + math.log(FIELD_SHARE)]
-        likely = torch.cat(parts)
-        return likely, likely.logsumexp(dim=0) + self._controller._log_prior(position_m)
+        parts = [priors.log_likelihoods(residual, slope).add_(math.log(share)) for priors, share in self._kinds]
+        return parts, position_m
+
+    def __call__(self, position_m):
+        parts, _ = self.parts(position_m)
+        likely = torch.cat([part.flatten(0, 1) for part in parts])
+        highest = likely.amax(dim=0)
+        return (likely - highest).exp_().sum(dim=0).log_().add_(highest).double() + self._controller._log_prior(position_m)
+
+
+def _worth(log_share):
+    """The pairs of models that are worth a look."""
+    by_pair = log_share.logsumexp(dim=1)
+    return (by_pair > by_pair.max() + LEAST_PAIR_LOG_SHARE).nonzero()[:, 0]
 
 
 def _flat(rssi_dbm):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..batch.array_types import Bool, Float, Tensor
+from ..batch.array_types import Float, Int, Tensor
 from ..scenario import NUM_TRACKERS
 
 DEGREES_OF_FREEDOM = 60.0
@@ -107,12 +107,6 @@ class Sums:
     ss: Float[Tensor, "place"]
     r_by_tracker: Float[Tensor, "6 place"]
     s_by_tracker: Float[Tensor, "6 place"]
-    information: Float[Tensor, "6 6"]
-    """Of the trackers' own levels: the same for all places, float64."""
-    log_determinant: float
-    """Of the errors' covariance, over that without shadowing."""
-    number: int
-    """Of levels."""
 
 
 def heard(
@@ -131,9 +125,10 @@ class FadingErrors:
         variance = heard.together_db.square()
         self._shared = variance / (1 + variance * heard.precision.sum(dim=1))
         precision = heard.precision.double()
-        self._information = precision.sum(dim=0).diag()
-        self._information -= (precision * self._shared.double()[:, None]).T @ precision
-        self._number = int((heard.precision > 0).sum())
+        self.information = precision.sum(dim=0).diag()
+        self.information -= (precision * self._shared.double()[:, None]).T @ precision
+        self.number = int((heard.precision > 0).sum())
+        self.log_determinant = 0.0
 
     def sums(self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]) -> Sums:
         """The inverse of a window's covariance is diag(p) - shared p p^T (Sherman and Morrison 1950)."""
@@ -147,9 +142,6 @@ class FadingErrors:
             ss=(slope * s).sum(dim=(0, 1)) - (shared * sum_s.square()).sum(dim=0),
             r_by_tracker=r.sum(dim=0) - together @ sum_r,
             s_by_tracker=s.sum(dim=0) - together @ sum_s,
-            information=self._information,
-            log_determinant=0.0,
-            number=self._number,
         )
 
 
@@ -169,13 +161,15 @@ class FieldErrors:
         errors = fading + spread_db**2 * (-torch.cdist(place_m, place_m) / length_m).exp()
         factor = torch.linalg.cholesky(errors)
         self._inverse = torch.cholesky_inverse(factor).float()
-        self._log_determinant = float(
+        self.log_determinant = float(
             2 * factor.diagonal().log().sum()
             + precision.log().sum()
             - (1 + variance * heard.precision.double().sum(dim=1)).log().sum()
         )
         tracker = torch.arange(NUM_TRACKERS).repeat(len(heard.precision))[self._counts]
         self._by_tracker = (tracker == torch.arange(NUM_TRACKERS)[:, None]).float()
+        self.information = (self._by_tracker @ self._inverse @ self._by_tracker.T).double()
+        self.number = len(precision)
 
     def sums(self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]) -> Sums:
         """By the whole matrix."""
@@ -188,9 +182,6 @@ class FieldErrors:
             ss=(slope * s).sum(dim=0),
             r_by_tracker=by_tracker @ r,
             s_by_tracker=by_tracker @ s,
-            information=(by_tracker @ self._inverse @ by_tracker.T).double(),
-            log_determinant=self._log_determinant,
-            number=len(residual),
         )
 
 
@@ -207,17 +198,29 @@ def residual_and_slope(
     return heard.excess_db[..., None] - exponent * slope, slope
 
 
-def log_likelihoods(sums: Sums) -> Float[Tensor, "model place"]:
-    """Of everything heard if the target were at each place, with the priors of ``MODELS``, float64."""
-    grown = torch.eye(NUM_TRACKERS, dtype=torch.float64) + _COVARIANCE @ sums.information
-    gain = torch.linalg.solve(grown, _COVARIANCE).float()
-    log_determinant = grown.logdet()[:, None, None] + sums.log_determinant
-    explained = gain @ sums.r_by_tracker
-    rr = (sums.rr - (explained * sums.r_by_tracker).sum(dim=1)).double()
-    rs = (sums.rs - (explained * sums.s_by_tracker).sum(dim=1)).double()
-    ss = (sums.ss - ((gain @ sums.s_by_tracker) * sums.s_by_tracker).sum(dim=1)).double().clamp(min=0.0)
-    grows = 1 + _EXPONENT_VARIANCE * ss
-    squared = torch.stack([rr, rr - _EXPONENT_VARIANCE * rs.square() / grows], dim=1).clamp(min=0.0)
-    log_grows = torch.stack([torch.zeros_like(grows), grows.log()], dim=1)
-    student = -(DEGREES_OF_FREEDOM + sums.number) / 2 * (squared / DEGREES_OF_FREEDOM).log1p()
-    return (_LOG_PRIOR[..., None] + student - (log_determinant + log_grows) / 2).flatten(0, 1)
+class Priors:
+    """Some of the ``MODELS``' pairs, joined with what one kind of errors says of the trackers' own levels."""
+
+    def __init__(self, errors: "FadingErrors | FieldErrors", pairs: Int[Tensor, "pair"] | None = None) -> None:
+        self._errors = errors
+        covariance = _COVARIANCE if pairs is None else _COVARIANCE[pairs]
+        grown = torch.eye(NUM_TRACKERS, dtype=torch.float64) + covariance @ errors.information
+        self._gain = torch.linalg.solve(grown, covariance).float()
+        log_prior = _LOG_PRIOR if pairs is None else _LOG_PRIOR[pairs]
+        self._constant = (log_prior - (grown.logdet()[:, None] + errors.log_determinant) / 2).float()[..., None]
+        self._power = -(DEGREES_OF_FREEDOM + errors.number) / 2
+
+    def log_likelihoods(
+        self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]
+    ) -> Float[Tensor, "pair 2 place"]:
+        """Of everything heard if the target were at each place, with the models' priors."""
+        sums = self._errors.sums(residual, slope)
+        explained = self._gain @ sums.r_by_tracker
+        rr = sums.rr - (explained * sums.r_by_tracker).sum(dim=1)
+        rs = sums.rs - (explained * sums.s_by_tracker).sum(dim=1)
+        ss = (sums.ss - ((self._gain @ sums.s_by_tracker) * sums.s_by_tracker).sum(dim=1)).clamp_(min=0.0)
+        grows = 1 + _EXPONENT_VARIANCE * ss
+        squared = torch.stack([rr, rr - _EXPONENT_VARIANCE * rs.square_() / grows], dim=1).clamp_(min=0.0)
+        likely = squared.mul_(1 / DEGREES_OF_FREEDOM).log1p_().mul_(self._power).add_(self._constant)
+        likely[:, 1] -= grows.log_().mul_(0.5)
+        return likely
