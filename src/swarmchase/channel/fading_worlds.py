@@ -1,7 +1,7 @@
 """Windows of many fadings at once, for training: each world has its own K, Doppler spread and correlation.
 
-The law is that of ``drawn_windows``: Rician, Jakes Doppler, correlated over the trackers (Eqs. 3-5). Here all worlds are
-drawn together on one device, by the square root of each window's covariance in time.
+The law is that of ``drawn_windows``: Rician, Jakes Doppler, correlated over the trackers (Eqs. 3-5). Here all worlds
+are drawn together on one device, by the square root of each window's covariance in time.
 """
 
 import math
@@ -60,4 +60,5 @@ class WorldsFading:
         phase_rad = torch.where(worlds.los_is_common[:, None, None] > 0, phase_rad[:, :, :1], phase_rad)
         line_of_sight = torch.stack([phase_rad.cos(), phase_rad.sin()], dim=3)[..., None]
         gain = (k.sqrt() * line_of_sight + scattered) / (k + 1).sqrt()
-        return gain.square().sum(dim=3).clamp_(min=10 ** (DEEPEST_FADE_DB / 10)).log10_().mul_(10)
+        level_db: Tensor = gain.square().sum(dim=3).clamp_(min=10 ** (DEEPEST_FADE_DB / 10)).log10_().mul_(10)
+        return level_db

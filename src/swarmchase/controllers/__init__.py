@@ -11,8 +11,10 @@ from ..networks.fading import CorrectedPower
 from ..networks.forms import FORMS
 from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
 from ..networks.weights import checked_weights, read_weights, shared_weights
+from ..networks.windows import WindowsNetwork
 from ..ranges import shown
 from ..scenario import Scenario
+from .adaptive import AdaptiveController
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
 from .moving_particle import MovingParticleController
@@ -126,6 +128,8 @@ def network_controller(
     _require_fit(FORMS[networks.form], scenario, name)
     if isinstance(networks, ExpectingNetwork):
         return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
+    if isinstance(networks, WindowsNetwork):
+        return AdaptiveController(scenario, networks, name)
     assert isinstance(networks, DecidingNetworks)
     return LearnedController(scenario, networks, name, action_choice)
 

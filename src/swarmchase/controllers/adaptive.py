@@ -1,237 +1,266 @@
-"""``adaptive``: one controller for a channel that nobody told it."""
+"""``adaptive``: a filter over the target's place that finds out what the channel and the receivers are like.
+
+It is told path loss, power and the distance at the start, and believes none of it unconditionally: power, exponent and
+receivers' offsets are integrated out, and models in which they are as told, or not, are weighed by their evidence
+(``unknown_channel``). So is shadowing, as a field over the places where trackers have been. How strong and how fast the
+fading is, a network reads in all windows so far, and reads them anew with each (``networks.windows``).
+
+The belief is particles of places. Each decision weighs them by everything that was heard since the beginning, as it is
+read now, and resamples them where few are left; then every particle may move, by steps that leave the belief as it is
+(Metropolis-Hastings; Chopin 2002, A sequential particle filter method for static models). Steps are of all sizes in the
+belief's own shape, and reflections at the swarm's centre: near the target the levels do not tell its sides apart. So
+particles never freeze beside the truth.
+
+On each axis it takes the displacement that leaves the least expected distance. While offsets are likely, every other of
+the first windows is heard with the trackers close together: what differs there is not the distance. Missing samples do
+not count, a silent or stuck tracker is left out, and in a window without any sample it holds still.
+"""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
-from ..batch.array_types import Bool, Float, Int, Tensor
+from ..batch.array_types import Float, Int, Tensor
 from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.propagation import reference_dbm
 from ..formation import Action, nearest_choice
-from ..networks.windows import HeardWindows, WindowsNetwork
-from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
-from ..scenario import NUM_TRACKERS, Scenario
+from ..networks.windows import WindowsNetwork
+from ..observation import Observation, center_m, checked_observation
+from ..scenario import Scenario
 from .condition import Condition
-from .explanation import MOST_POINTS, Explanation, share_of_savings
+from .explanation import MOST_POINTS, Explanation, FoundChannel, share_of_savings
+from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
 from .unknown_channel import (
     FIELDS,
-    OFFSETS_LIKELY,
+    LOG_FIELD,
+    LOG_PLAIN,
+    PAIRS,
+    Eliminated,
     FadingErrors,
     FieldErrors,
-    Priors,
-    heard,
+    has_offsets,
+    levels,
+    power_db,
     residual_and_slope,
+    wrong_receiver,
 )
 
 NUM_PARTICLES = 600
-MOST_WINDOWS = 40
-FIELD_SHARE = 0.15
-NUM_BETWEEN = 10
-LEAST_PAIR_LOG_SHARE = -7.0
-LEAST_FIELD_LOG_SHARE = -7.0
-STUCK_WINDOWS = 3
+"""With 300 as good in the paper's world."""
 RESAMPLING_SHARE = 0.5
+"""Particles are resampled when fewer than this share of them are effective."""
 SWEEPS = 2
+"""Steps that every particle may make at a decision."""
 SHELL_SHARE = 0.7
+"""Probability that the target is as far at the start as is told, to within ``SHELL_SPREAD_M``."""
 SHELL_SPREAD_M = 1.0
 FREE_SPREAD = 0.7
-WIDEST_STEP = 1.5
-NARROWEST_STEP = 0.05
-LEAST_STEP_M = 0.2
+"""Otherwise: standard deviation of the logarithm of its distance."""
+SHORTEST_STEP, LONGEST_STEP = 0.05, 1.5
+"""In standard deviations of the belief, log-uniform between these."""
+LEAST_SPREAD_M = 0.2
+"""Of the belief, for its steps."""
 MIRRORED_SHARE = 0.15
+"""Of the steps, those that are reflections."""
+PROBED_EVERY = 10
+"""Of so many particles one probes all models; the others heed those that are worth it."""
+LEAST_LOG_SHARE = -7.0
+"""A model that has less than this of the best one's evidence is not worth it."""
 CALIBRATION_WINDOWS = 12
-CALIBRATE_FROM = 0.3
+"""The first so many windows may be heard close together."""
+CALIBRATION_SHARE = 0.3
+"""Where offsets are as likely as this."""
+LEFT_OUT_SHARE = 0.5
+"""A receiver is said to be wrong when it is more likely than this."""
+NEAREST_M = 0.1
+"""For the logarithm of a distance."""
 
 
 @dataclass(frozen=True)
 class AdaptiveMemory:
+    """The belief of each chase, and what it is made of."""
+
     position_m: Float[Tensor, "chase 3 particle"]
+    """In the chase's own frame, float32."""
     log_weight: Float[Tensor, "chase particle"]
-    log_target: Float[Tensor, "chase particle"]
-    num_windows: Int[Tensor, "chase"]
-    level_dbm: Float[Tensor, "chase window 6"]
-    place_m: Float[Tensor, "chase window 6 3"]
-    own: Float[Tensor, "chase window 6 head"]
-    together: Float[Tensor, "chase window feature"]
+    """Normalised, float64."""
+    log_density: Float[Tensor, "chase particle"]
+    """Of the belief at each particle, as far as it was heard when it was last weighed; not normalised, float64."""
+    pair_share: Float[Tensor, "chase pair"]
+    """Probability of each of ``PAIRS``."""
+    field_log_odds: Float[Tensor, "chase field"]
+    """Of shadowing as each of ``FIELDS``, against none."""
+    windows: RememberedWindows
     condition: Int[Tensor, "chase"]
-    model_share: Float[Tensor, "chase model"]
-    flat: Bool[Tensor, "chase window 6"]
-    field_evidence: Float[Tensor, "chase field"]
+    """A ``Condition``."""
     streams: ChaseStreams
+    """Each chase's own random numbers."""
+
+
+@dataclass(frozen=True)
+class _Belief:
+    """One chase's part of the memory."""
+
+    position_m: Float[Tensor, "3 particle"]
+    log_weight: Float[Tensor, "particle"]
+    log_density: Float[Tensor, "particle"]
+    pair_share: Float[Tensor, "pair"]
+    field_log_odds: Float[Tensor, "field"]
+
+
+@dataclass(frozen=True)
+class _Draws:
+    """One chase's random numbers for one decision."""
+
+    normal: Float[Tensor, "sweep 3 particle"]
+    uniform: Float[Tensor, "sweep 4 particle"]
+    place: Float[Tensor, "1"]
 
 
 class AdaptiveController:
-    name = "adaptive"
+    """Goes where its particles' expected distance on each axis is least."""
 
-    def __init__(self, scenario: Scenario, network: WindowsNetwork) -> None:
+    def __init__(self, scenario: Scenario, network: WindowsNetwork, name: str = "adaptive") -> None:
+        self.name = name
         self._scenario = scenario
         self._network = network.eval()
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
+        self._has_offsets = has_offsets().double()
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> AdaptiveMemory:
+        """Particles all around the start."""
         streams = ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy")
-        direction = streams.standard_normal(3, NUM_PARTICLES)
-        direction = direction / direction.square().sum(dim=1, keepdim=True).sqrt().clamp(min=1e-9)
-        normal = streams.standard_normal(NUM_PARTICLES)
+        towards = streams.standard_normal(3, NUM_PARTICLES)
+        towards = towards / _length_m(towards).clamp(min=1e-9)
+        normal = streams.standard_normal(1, NUM_PARTICLES)
         start_m = self._scenario.start_distance_m
-        is_shell = torch.arange(NUM_PARTICLES) < SHELL_SHARE * NUM_PARTICLES
-        distance_m = torch.where(is_shell, start_m + SHELL_SPREAD_M * normal, start_m * (FREE_SPREAD * normal).exp())
-        position_m = direction * distance_m[:, None].abs()
-        nothing = torch.zeros(num_chases, dtype=torch.int64)
-        head, feature = self._network.own_part.out_features, self._network.together[2].out_features
+        is_as_told = torch.arange(NUM_PARTICLES) < SHELL_SHARE * NUM_PARTICLES
+        distance_m = torch.where(is_as_told, start_m + SHELL_SPREAD_M * normal, start_m * (FREE_SPREAD * normal).exp())
+        position_m = towards * distance_m.abs()
         return AdaptiveMemory(
             position_m=position_m,
             log_weight=torch.full((num_chases, NUM_PARTICLES), -math.log(NUM_PARTICLES), dtype=torch.float64),
-            log_target=torch.stack([self._log_prior(one) for one in position_m]),
-            num_windows=nothing,
-            level_dbm=torch.full((num_chases, MOST_WINDOWS, NUM_TRACKERS), math.nan),
-            place_m=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, 3),
-            own=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, head),
-            together=torch.zeros(num_chases, MOST_WINDOWS, feature),
-            condition=nothing.clone(),
-            model_share=torch.zeros(num_chases, len(OFFSETS_LIKELY), dtype=torch.float64),
-            flat=torch.zeros(num_chases, MOST_WINDOWS, NUM_TRACKERS, dtype=torch.bool),
-            field_evidence=torch.zeros(num_chases, len(FIELDS), dtype=torch.float64),
+            log_density=torch.stack([self._log_prior(one) for one in position_m]),
+            pair_share=torch.zeros(num_chases, len(PAIRS), dtype=torch.float64),
+            field_log_odds=torch.full((num_chases, len(FIELDS)), LOG_FIELD - LOG_PLAIN, dtype=torch.float64),
+            windows=no_windows(self._network, num_chases),
+            condition=torch.zeros(num_chases, dtype=torch.int64),
             streams=streams,
         )
 
     def decide(self, observation: Observation, memory: AdaptiveMemory) -> tuple[Action, AdaptiveMemory]:
+        """Weigh the particles by all that was heard, move them, act on the belief."""
         observation = checked_observation(observation, self._scenario)
+        center = center_m(observation)
+        deaf = ~observation.rssi_dbm.isfinite().any(dim=2).any(dim=1)
+        normal = memory.streams.standard_normal(SWEEPS, 3, NUM_PARTICLES)
+        uniform = memory.streams.uniform(SWEEPS, 4, NUM_PARTICLES)
+        place = memory.streams.uniform(1)
         with torch.inference_mode():
-            memory = self._remembered(observation, memory)
-            center = center_m(observation)
-            normal = memory.streams.standard_normal(SWEEPS, 3, NUM_PARTICLES)
-            uniform = memory.streams.uniform(SWEEPS, 4, NUM_PARTICLES)
-            place = memory.streams.uniform(1)
-            rows = [
-                self._updated(memory, row, center[row].float(), normal[row], uniform[row], place[row])
-                for row in range(len(center))
-            ]
-        position_m, log_weight, log_target, share, field = (torch.stack(part).clone() for part in zip(*rows, strict=True))
-        memory = replace(
-            memory,
-            position_m=position_m,
-            log_weight=log_weight,
-            log_target=log_target,
-            model_share=share,
-            field_evidence=field,
+            windows = remembered(memory.windows, observation, self._network)
+            beliefs = []
+            # Chase by chase: a belief fits into the cache, and does not depend on the others of its batch.
+            for row in range(len(deaf)):
+                belief = _Belief(
+                    memory.position_m[row],
+                    memory.log_weight[row],
+                    memory.log_density[row],
+                    memory.pair_share[row],
+                    memory.field_log_odds[row],
+                )
+                if not deaf[row]:
+                    draws = _Draws(normal[row], uniform[row], place[row])
+                    read = read_windows(windows, row, self._network)
+                    belief = self._updated(belief, read, center[row].float(), draws)
+                beliefs.append(belief)
+        memory = AdaptiveMemory(
+            position_m=torch.stack([belief.position_m for belief in beliefs]).clone(),
+            log_weight=torch.stack([belief.log_weight for belief in beliefs]).clone(),
+            log_density=torch.stack([belief.log_density for belief in beliefs]).clone(),
+            pair_share=torch.stack([belief.pair_share for belief in beliefs]).clone(),
+            field_log_odds=torch.stack([belief.field_log_odds for belief in beliefs]).clone(),
+            windows=windows,
+            condition=torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING)),
+            streams=memory.streams,
         )
         return self._action(memory, center), memory
 
     def explain(self, observation: Observation, memory: AdaptiveMemory) -> Explanation:
+        """Particles in proportion to their weights, what each choice is worth to them, the channel as it is found."""
         cumulative = memory.log_weight[0].exp().cumsum(dim=0)
         at = (torch.arange(MOST_POINTS) + 0.5) / MOST_POINTS * cumulative[-1]
         chosen = torch.searchsorted(cumulative, at).clamp_(max=NUM_PARTICLES - 1)
         target_m = memory.position_m[0][:, chosen].T.contiguous()
         left_m = memory.position_m[0] - center_m(observation)[0].float()[:, None]
-        return Explanation(share_of_savings(self._scenario, left_m, memory.log_weight[0].exp()), target_m)
+        savings = share_of_savings(self._scenario, left_m, memory.log_weight[0].exp())
+        return Explanation(savings, target_m, self._found(observation, memory))
 
-    def _remembered(self, observation: Observation, memory: AdaptiveMemory) -> AdaptiveMemory:
-        level_dbm = mean_power_dbm(observation.rssi_dbm)
-        read = [self._network.heard(one[None]) for one in observation.rssi_dbm]
-        level, place, own, together, flat = (
-            part.clone() for part in (memory.level_dbm, memory.place_m, memory.own, memory.together, memory.flat)
-        )
-        is_flat = _flat(observation.rssi_dbm)
-        number = memory.num_windows.clone()
-        position_m = mean_position_m(observation).float()
-        deaf = ~level_dbm.isfinite().any(dim=1)
-        for row, count in enumerate(number.tolist()):
-            if deaf[row]:
-                continue
-            if count == MOST_WINDOWS:
-                gone = _least_missed(place[row])
-                for part in (level, place, own, together, flat):
-                    part[row, gone:-1] = part[row, gone + 1 :].clone()
-                count -= 1
-            level[row, count], place[row, count] = level_dbm[row], position_m[row]
-            own[row, count], together[row, count] = read[row].own[0], read[row].together[0]
-            flat[row, count] = is_flat[row]
-            number[row] = count + 1
-        condition = torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING))
-        return replace(
-            memory,
-            level_dbm=level,
-            place_m=place,
-            own=own,
-            together=together,
-            flat=flat,
-            num_windows=number,
-            condition=condition,
-        )
-
-    def _updated(self, memory, row, center, normal, uniform, place):
-        number = int(memory.num_windows[row])
-        position_m, log_weight, log_target = memory.position_m[row], memory.log_weight[row], memory.log_target[row]
-        field_evidence = memory.field_evidence[row]
-        if number == 0:
-            return position_m, log_weight, log_target, memory.model_share[row], field_evidence
-        level_dbm = memory.level_dbm[row, :number]
-        level_dbm = level_dbm.masked_fill(_stuck(level_dbm, memory.flat[row, :number]), math.nan)
-        windows = HeardWindows(memory.own[row : row + 1, :number], memory.together[row : row + 1, :number])
-        law = self._network.law(windows, torch.ones(1, number, dtype=torch.bool))
-        excess_db = level_dbm - reference_dbm(self._scenario) - law.mean_db[0]
-        all_heard = heard(excess_db, law.apart_db[0], law.together_db[0])
-        tracker_m = memory.place_m[row, :number]
-        probed = torch.arange(number % NUM_BETWEEN, NUM_PARTICLES, NUM_BETWEEN)
-        turn = number % len(FIELDS)
-        plain, field = FadingErrors(all_heard), FieldErrors(all_heard, tracker_m, *FIELDS[turn])
-        probe = _Posterior(self, all_heard, tracker_m, [(Priors(plain), 1 - FIELD_SHARE), (Priors(field), FIELD_SHARE)])
-        (plain_likely, field_likely), _ = probe.parts(position_m[:, probed])
-        before = (log_weight - log_target)[probed] + self._log_prior(position_m[:, probed])
-        plain_share, field_share = ((likely + before).logsumexp(dim=2).double() for likely in (plain_likely, field_likely))
-        field_evidence = field_evidence.clone()
-        field_evidence[turn] = field_share.logsumexp(dim=(0, 1)) - plain_share.logsumexp(dim=(0, 1))
-        best = int(field_evidence.argmax())
-        kinds = [(Priors(plain, _worth(plain_share)), 1 - FIELD_SHARE)]
-        has_field = number > len(FIELDS) and field_evidence[best] > LEAST_FIELD_LOG_SHARE
-        if has_field:
-            field = field if best == turn else FieldErrors(all_heard, tracker_m, *FIELDS[best])
-            kinds.append((Priors(field, _worth(field_share)), FIELD_SHARE))
-        offsets = plain_share.flatten() if not has_field or field_evidence[best] < 0 else field_share.flatten()
-        share = (offsets - offsets.logsumexp(dim=0)).exp()
-        posterior = _Posterior(self, all_heard, tracker_m, kinds)
-        target = posterior(position_m)
-        log_weight = log_weight + target - log_target
+    def _updated(self, belief: _Belief, read: ReadWindows, center: Float[Tensor, "3"], draws: _Draws) -> _Belief:
+        """The belief after all these windows."""
+        place = _Places(self._scenario, read)
+        density, pair_share, field_log_odds = self._models(belief, place)
+        position_m, log_density = belief.position_m, self._log_density(place, density, belief.position_m)
+        log_weight = belief.log_weight + log_density - belief.log_density
         log_weight = log_weight - log_weight.logsumexp(dim=0)
         if 1 / (2 * log_weight).exp().sum() < RESAMPLING_SHARE * NUM_PARTICLES:
             cumulative = log_weight.exp().cumsum(dim=0)
-            at = (torch.arange(NUM_PARTICLES) + place) / NUM_PARTICLES
+            at = (torch.arange(NUM_PARTICLES) + draws.place) / NUM_PARTICLES
             parent = torch.searchsorted(cumulative, at * cumulative[-1]).clamp_(max=NUM_PARTICLES - 1)
-            position_m, target = position_m[:, parent], target[parent]
+            position_m, log_density = position_m[:, parent], log_density[parent]
             log_weight = torch.full_like(log_weight, -math.log(NUM_PARTICLES))
-        for sweep in range(SWEEPS):
-            proposed_m = self._proposed(position_m, log_weight, center, normal[sweep], uniform[sweep])
-            proposed_target = posterior(proposed_m)
-            accepted = uniform[sweep, 3].log() < proposed_target - target
-            position_m = torch.where(accepted, proposed_m, position_m)
-            target = torch.where(accepted, proposed_target, target)
-        return position_m, log_weight, target, share, field_evidence
+        for normal, uniform in zip(draws.normal, draws.uniform, strict=True):
+            proposed_m = _proposed(position_m, log_weight, center, normal, uniform)
+            proposed_density = self._log_density(place, density, proposed_m)
+            is_accepted = uniform[3].log() < proposed_density - log_density
+            position_m = torch.where(is_accepted, proposed_m, position_m)
+            log_density = torch.where(is_accepted, proposed_density, log_density)
+        return _Belief(position_m, log_weight, log_density, pair_share, field_log_odds)
 
-    def _proposed(self, position_m, log_weight, center, normal, uniform):
-        weight = log_weight.exp().float()
-        mean_m = position_m @ weight
-        apart_m = position_m - mean_m[:, None]
-        covariance = (apart_m * weight) @ apart_m.T + LEAST_STEP_M**2 * torch.eye(3)
-        factor = torch.linalg.cholesky(covariance)
-        scale = (NARROWEST_STEP * (uniform[0] * math.log(WIDEST_STEP / NARROWEST_STEP)).exp()).float()
-        stepped_m = position_m + scale * (factor @ normal)
-        mirrored_m = 2 * center[:, None] - position_m
-        axis = (uniform[2] * 4).long()
-        flips = (axis == torch.arange(3)[:, None]) | (axis == 3)
-        mirrored_m = torch.where(flips, mirrored_m, position_m)
-        return torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+    def _models(
+        self, belief: _Belief, place: "_Places"
+    ) -> tuple[list[Eliminated], Float[Tensor, "pair"], Float[Tensor, "field"]]:
+        """The models that are worth heeding, how probable each pair is, and shadowing.
 
-    def _log_prior(self, position_m):
-        distance_m = position_m.double().square().sum(dim=0).sqrt().clamp(min=0.1)
+        Some particles probe all pairs, with and without shadowing as one of ``FIELDS``: another in each window.
+        """
+        turn = place.read.heard % len(FIELDS)
+        probes = torch.arange(place.read.heard % PROBED_EVERY, NUM_PARTICLES, PROBED_EVERY)
+        fading, field = FadingErrors(place.heard), place.field_errors(turn)
+        residual, slope = place.residual_and_slope(belief.position_m[:, probes])
+        weight = (belief.log_weight - belief.log_density)[probes] + self._log_prior(belief.position_m[:, probes])
+        plain, shadowed = (
+            (Eliminated(errors, log_share).log_likelihoods(residual, slope) + weight).logsumexp(dim=(1, 2))
+            for errors, log_share in ((fading, LOG_PLAIN), (field, LOG_FIELD))
+        )
+        field_log_odds = belief.field_log_odds.clone()
+        field_log_odds[turn] = shadowed.logsumexp(dim=0) - plain.logsumexp(dim=0)
+        best = int(field_log_odds.argmax())
+        density = [Eliminated(fading, LOG_PLAIN, _worth_it(plain))]
+        if field_log_odds[best] > LEAST_LOG_SHARE:
+            field = field if best == turn else place.field_errors(best)
+            density.append(Eliminated(field, LOG_FIELD, _worth_it(shadowed)))
+        is_shadowed = len(density) > 1 and field_log_odds[best] > 0
+        return density, (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds
+
+    def _log_density(
+        self, place: "_Places", density: list[Eliminated], position_m: Float[Tensor, "3 particle"]
+    ) -> Float[Tensor, "particle"]:
+        residual, slope = place.residual_and_slope(position_m)
+        likely = torch.cat([models.log_likelihoods(residual, slope).flatten(0, 1) for models in density])
+        highest = likely.amax(dim=0)
+        return (likely - highest).exp_().sum(dim=0).log_().add_(highest).double() + self._log_prior(position_m)
+
+    def _log_prior(self, position_m: Float[Tensor, "3 particle"]) -> Float[Tensor, "particle"]:
+        """Of places before anything was heard, from the distance to the start alone."""
+        distance_m = _length_m(position_m[None].double())[0, 0].clamp(min=NEAREST_M)
         start_m = self._scenario.start_distance_m
-        shell = -((distance_m - start_m) / SHELL_SPREAD_M).square() / 2 - math.log(SHELL_SPREAD_M)
-        free = -((distance_m / start_m).log() / FREE_SPREAD).square() / 2 - (FREE_SPREAD * distance_m).log()
-        both = torch.logaddexp(shell + math.log(SHELL_SHARE), free + math.log(1 - SHELL_SHARE))
+        as_told = ((distance_m - start_m) / SHELL_SPREAD_M).square() / -2 - math.log(SHELL_SPREAD_M)
+        free = ((distance_m / start_m).log() / FREE_SPREAD).square() / -2 - (FREE_SPREAD * distance_m).log()
+        both = torch.logaddexp(as_told + math.log(SHELL_SHARE), free + math.log(1 - SHELL_SHARE))
         return both - 2 * distance_m.log()
 
-    def _action(self, memory: AdaptiveMemory, center) -> Action:
+    def _action(self, memory: AdaptiveMemory, center: Float[Tensor, "chase 3"]) -> Action:
         left_m = memory.position_m - center.float()[..., None]
         weight = memory.log_weight.exp()
         expected_m = torch.stack(
@@ -243,65 +272,94 @@ class AdaptiveController:
         )
         holds = (memory.condition == Condition.DEAF)[:, None]
         choice = torch.where(holds, self._displacement_choices_m.abs().argmin(), expected_m.argmin(dim=2))
-        distance_m = (left_m.square().sum(dim=1).sqrt() * weight).sum(dim=1)
-        spacing_m = nearest_choice(self._scenario.spacing_choices_m, distance_m)
-        offsets = memory.model_share[:, OFFSETS_LIKELY].sum(dim=1)
-        calibrates = (
-            (offsets > CALIBRATE_FROM) & (memory.num_windows < CALIBRATION_WINDOWS) & (memory.num_windows % 2 == 1)
-        )
+        spacing_m = nearest_choice(self._scenario.spacing_choices_m, (_length_m(left_m)[:, 0] * weight).sum(dim=1))
+        number = memory.windows.heard
+        calibrates = (number < CALIBRATION_WINDOWS) & (number % 2 == 1)
+        calibrates &= memory.pair_share @ self._has_offsets > CALIBRATION_SHARE
         spacing_m = torch.where(calibrates, min(self._scenario.spacing_choices_m), spacing_m)
         return Action(spacing_m=spacing_m, displacement_m=self._displacement_choices_m[choice])
 
-
-def _least_missed(place_m):
-    """The window nearest to another place; the elder of the two."""
-    center_m = place_m.mean(dim=1)
-    apart_m = torch.cdist(center_m, center_m) + 1e9 * torch.eye(len(center_m))
-    return int(apart_m.amin(dim=1).argmin())
-
-
-class _Posterior:
-    """Log density of places."""
-
-    def __init__(self, controller, all_heard, tracker_m, kinds):
-        self._controller, self._heard, self._tracker_m, self._kinds = controller, all_heard, tracker_m, kinds
-
-    def parts(self, position_m):
-        scenario = self._controller._scenario
-        squared_m2 = sum((position_m[axis] - self._tracker_m[:, :, axis, None]).square_() for axis in range(3))
-        log_distance = squared_m2.clamp_(min=scenario.reference_distance_m**2).log10_().mul_(0.5)
-        residual, slope = residual_and_slope(self._heard, scenario.path_loss_exponent, log_distance)
-        parts = [priors.log_likelihoods(residual, slope).add_(math.log(share)) for priors, share in self._kinds]
-        return parts, position_m
-
-    def __call__(self, position_m):
-        parts, _ = self.parts(position_m)
-        likely = torch.cat([part.flatten(0, 1) for part in parts])
-        highest = likely.amax(dim=0)
-        return (likely - highest).exp_().sum(dim=0).log_().add_(highest).double() + self._controller._log_prior(position_m)
-
-
-def _worth(log_share):
-    """The pairs of models that are worth a look."""
-    by_pair = log_share.logsumexp(dim=1)
-    return (by_pair > by_pair.max() + LEAST_PAIR_LOG_SHARE).nonzero()[:, 0]
+    def _found(self, observation: Observation, memory: AdaptiveMemory) -> FoundChannel | None:
+        """What the first chase's windows say of everything but the target's place, if it is at the belief's mean."""
+        if not memory.windows.number[0]:
+            return None
+        read = read_windows(memory.windows, 0, self._network)
+        place = _Places(self._scenario, read)
+        mean_m = memory.position_m[0].double() @ memory.log_weight[0].exp()
+        best = int(memory.field_log_odds[0].argmax())
+        is_shadowed = bool(memory.field_log_odds[0, best] > 0)
+        models = Eliminated(place.field_errors(best) if is_shadowed else FadingErrors(place.heard), 0.0)
+        residual, slope = place.residual_and_slope(mean_m.float()[:, None])
+        share = models.log_likelihoods(residual, slope)[..., 0].flatten().softmax(dim=0).view(len(PAIRS), 2)
+        level_db, exponent_error = models.found(residual, slope)
+        power = power_db(level_db, models.pairs)
+        wrong = wrong_receiver() @ share.sum(dim=1)
+        is_silent = ~observation.rssi_dbm[0].isfinite().any(dim=0)
+        reasons = [
+            "silent" if silent else "stuck" if stuck else "wrong" if probability > LEFT_OUT_SHARE else None
+            for silent, stuck, probability in zip(
+                is_silent.tolist(), read.is_stuck.tolist(), wrong.tolist(), strict=True
+            )
+        ]
+        return FoundChannel(
+            power_db=float((share * power).sum()),
+            exponent=self._scenario.path_loss_exponent + float((share * exponent_error).sum()),
+            offset_db=tuple(((level_db - power[..., None]) * share[..., None]).sum(dim=(0, 1)).tolist()),
+            left_out=tuple(reasons),
+            fading_db=float((read.law.apart_db.square().mean() + read.law.together_db.square().mean()).sqrt()),
+            shadowing_db=FIELDS[best][1] if is_shadowed else 0.0,
+        )
 
 
-def _flat(rssi_dbm):
-    """Trackers whose samples in a window are all the same."""
-    valid = rssi_dbm.isfinite()
-    highest = torch.where(valid, rssi_dbm, -math.inf).amax(dim=1)
-    lowest = torch.where(valid, rssi_dbm, math.inf).amin(dim=1)
-    return (valid.sum(dim=1) >= 10) & (highest == lowest)
+class _Places:
+    """All that was heard, asked for places of the target."""
+
+    def __init__(self, scenario: Scenario, read: ReadWindows) -> None:
+        self.read = read
+        law = read.law
+        excess_db = read.level_dbm - reference_dbm(scenario) - law.mean_db
+        self.heard = levels(excess_db, law.apart_db, law.together_db)
+        self._scenario = scenario
+
+    def field_errors(self, number: int) -> FieldErrors:
+        """With shadowing as this one of ``FIELDS``."""
+        return FieldErrors(self.heard, self.read.tracker_position_m, *FIELDS[number])
+
+    def residual_and_slope(
+        self, position_m: Float[Tensor, "3 place"]
+    ) -> tuple[Float[Tensor, "window 6 place"], Float[Tensor, "window 6 place"]]:
+        """As ``unknown_channel.residual_and_slope``, of the target at each place."""
+        tracker_m = self.read.tracker_position_m
+        squared_m2 = (position_m[0] - tracker_m[..., 0, None]).square_()
+        for axis in (1, 2):
+            squared_m2 += (position_m[axis] - tracker_m[..., axis, None]).square_()
+        least_m2 = self._scenario.reference_distance_m**2
+        log_distance = squared_m2.clamp_(min=least_m2).mul_(1 / least_m2).log10_().mul_(0.5)
+        return residual_and_slope(self.heard, self._scenario.path_loss_exponent, log_distance)
 
 
-def _stuck(level_dbm, flat):
-    """Levels of trackers that report one value whatever happens, while others do not."""
-    stuck = torch.zeros_like(flat)
-    if len(flat) < STUCK_WINDOWS:
-        return stuck
-    last, last_flat = level_dbm[-STUCK_WINDOWS:], flat[-STUCK_WINDOWS:]
-    same = last_flat.all(dim=0) & ((last - last[0]).abs() < 0.01).all(dim=0)
-    if same.sum() > NUM_TRACKERS // 2:
-        return stuck
-    return same & flat & ((level_dbm - last[0]).abs() < 0.01)
+def _proposed(
+    position_m: Float[Tensor, "3 particle"],
+    log_weight: Float[Tensor, "particle"],
+    center: Float[Tensor, "3"],
+    normal: Float[Tensor, "3 particle"],
+    uniform: Float[Tensor, "4 particle"],
+) -> Float[Tensor, "3 particle"]:
+    """A step for every particle, as likely there as back."""
+    weight = log_weight.exp().float()
+    apart_m = position_m - (position_m @ weight)[:, None]
+    covariance_m2 = (apart_m * weight) @ apart_m.T + LEAST_SPREAD_M**2 * torch.eye(3)
+    length = (SHORTEST_STEP * (uniform[0] * math.log(LONGEST_STEP / SHORTEST_STEP)).exp()).float()
+    stepped_m = position_m + length * (torch.linalg.cholesky(covariance_m2) @ normal)
+    axis = (4 * uniform[2]).long()
+    is_mirrored = (axis == torch.arange(3)[:, None]) | (axis == 3)
+    mirrored_m = torch.where(is_mirrored, 2 * center[:, None] - position_m, position_m)
+    return torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+
+
+def _worth_it(log_share: Float[Tensor, "pair"]) -> Int[Tensor, "worthy"]:
+    return (log_share > log_share.max() + LEAST_LOG_SHARE).nonzero()[:, 0]
+
+
+def _length_m(vector_m: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 1 particle"]:
+    return vector_m.square().sum(dim=1, keepdim=True).sqrt()

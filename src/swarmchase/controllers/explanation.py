@@ -14,6 +14,24 @@ MOST_POINTS = 200
 
 
 @dataclass(frozen=True)
+class FoundChannel:
+    """What a controller has found out about channel and receivers."""
+
+    power_db: float
+    """Transmit power above what was told."""
+    exponent: float
+    """Of the path loss."""
+    offset_db: tuple[float, ...]
+    """Of each receiver."""
+    left_out: tuple[str | None, ...]
+    """Why each receiver counts for nothing or little: silent, stuck or wrong; None where it counts."""
+    fading_db: float
+    """Standard deviation of a tracker's level in a window, as far as the window does not show it itself."""
+    shadowing_db: float
+    """Standard deviation of shadowing; 0 where there is none."""
+
+
+@dataclass(frozen=True)
 class Explanation:
     """Of the decision in one chase."""
 
@@ -22,6 +40,7 @@ class Explanation:
     probabilities, or what the choice is expected to save of the way: ``share_of_savings``."""
     target_m: Float[Tensor, "point 3"] | None
     """Where the target is believed to be: points of equal weight in the chase's own frame."""
+    found: FoundChannel | None = None
 
 
 @runtime_checkable

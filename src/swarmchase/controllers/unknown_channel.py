@@ -1,106 +1,100 @@
-"""How probable a place of the target makes all that was heard, when transmit power, path-loss exponent and receivers are
-not known: they are integrated out.
+"""How probable a place of the target makes all that was heard, when transmit power, path-loss exponent, receivers and
+shadowing are not known: they are integrated out.
 
 In dB a level is linear in what is not known. Of tracker t in window w, with the target at the distance d (Eqs. 1-2),
 
     level = reference - 10 n log10 d + u_t - 10 x log10 d + shadowing + fading,
 
 u_t the excess of transmit power plus the receiver's offset and x the error of the exponent n. All have Gaussian priors,
-so for a place of the target the likelihood has a closed form. What the six u_t have to do with the places is the same
-for all of them: it is eliminated once, and a place costs a handful of sums. (Bishop 2006, Pattern recognition and
-machine learning, chapter 3, for the algebra.)
+so for a place of the target the likelihood has a closed form (Bishop 2006, Pattern recognition and machine learning,
+chapter 2.3). What the six u_t have to do with the levels is the same for all places: they are eliminated once, and a
+place costs a handful of sums.
 
-Which prior holds is not known either: ``MODELS`` lists them, and each is weighed by its evidence. That the fading's
-spread may be misjudged as a whole makes the likelihood a Student's t with ``DEGREES_OF_FREEDOM``.
+Which prior holds is not known either: ``PAIRS`` lists them, and each is weighed by its evidence. That the errors may be
+misjudged as a whole makes the likelihood a Student's t with ``DEGREES_OF_FREEDOM``.
 """
 
 import itertools
+import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 
-from ..batch.array_types import Float, Int, Tensor
+from ..batch.array_types import Bool, Float, Int, Tensor
 from ..scenario import NUM_TRACKERS
 
 DEGREES_OF_FREEDOM = 60.0
-"""As if the spread had been learned from so many values beforehand."""
+"""As if the errors' spread had been learned from so many levels beforehand."""
 TOLD_SHARE = 0.7
-"""Probability that the transmit power is as told; and so for the exponent, and for receivers."""
+"""Probability that the transmit power is as told; that the exponent is; that receivers are without offsets."""
 POWER_SPREADS_DB = (0.3, 7.0)
-EXPONENT_SPREADS = (0.0, 0.4)
-"""As told, and not."""
-OFFSET_SPREADS_DB = (0.2, 2.0, 5.0)
+"""Standard deviation of the transmit power about what is told: where it is as told, and where it is not."""
+EXPONENT_SPREAD = 0.4
+"""Of the exponent, where it is not as told."""
+OFFSET_SPREADS_DB = (0.2, 2.0, 5.0, 15.0)
+"""Of receivers' offsets: none, and more and more."""
 WRONG_BY_DB = 20.0
-"""Standard deviation of a receiver that is plainly wrong."""
+"""Of one receiver that is plainly wrong."""
+FIELDS = tuple(itertools.product((3.0, 10.0, 30.0), (2.5, 5.0)))
+"""Shadowing as a field over the trackers' places: in metres, over which its correlation falls to 1 / e (Gudmundson
+1991), and its standard deviation in dB. A part that surrounds the target is the same everywhere: it is transmit power.
+"""
 
 
 @dataclass(frozen=True)
-class Model:
-    """Standard deviations of what is not known."""
+class Pair:
+    """Standard deviations of what is not known, in two models: the exponent is as told, and it is not."""
 
     prior: float
     power_db: float
-    exponent: float
     offset_db: tuple[float, ...]
     """Of each receiver."""
+    wrong: int | None
+    """The receiver that is plainly wrong."""
 
 
-def _models() -> list[Model]:
-    even = [(spread_db,) * NUM_TRACKERS for spread_db in OFFSET_SPREADS_DB]
-    wrong = [
-        tuple(WRONG_BY_DB if other == tracker else OFFSET_SPREADS_DB[0] for other in range(NUM_TRACKERS))
-        for tracker in range(NUM_TRACKERS)
-    ]
+def _pairs() -> tuple[Pair, ...]:
     off = 1 - TOLD_SHARE
-    receivers = [
-        *zip(even, (TOLD_SHARE, off / 3, off / 3), strict=True),
-        *((offset_db, off / 3 / NUM_TRACKERS) for offset_db in wrong),
+    # Of what is not as told, half are offsets of all receivers and half one receiver alone.
+    receivers: list[tuple[float, tuple[float, ...], int | None]] = [
+        (TOLD_SHARE, (OFFSET_SPREADS_DB[0],) * NUM_TRACKERS, None)
     ]
-    told = (TOLD_SHARE, 1 - TOLD_SHARE)
-    return [
-        Model(receivers_prior * power_prior * exponent_prior, power_db, exponent, offset_db)
-        for (offset_db, receivers_prior), (power_db, power_prior), (exponent, exponent_prior) in itertools.product(
-            receivers, zip(POWER_SPREADS_DB, told, strict=True), zip(EXPONENT_SPREADS, told, strict=True)
-        )
-    ]
+    others = OFFSET_SPREADS_DB[1:]
+    receivers += [(off / 2 / len(others), (offset_db,) * NUM_TRACKERS, None) for offset_db in others]
+    for wrong, offset_db in itertools.product(range(NUM_TRACKERS), OFFSET_SPREADS_DB[:2]):
+        one = tuple(WRONG_BY_DB if tracker == wrong else offset_db for tracker in range(NUM_TRACKERS))
+        receivers.append((off / 2 / NUM_TRACKERS / 2, one, wrong))
+    powers = zip(POWER_SPREADS_DB, (TOLD_SHARE, off), strict=True)
+    return tuple(
+        Pair(prior * power_prior, power_db, offset_db, wrong)
+        for (power_db, power_prior), (prior, offset_db, wrong) in itertools.product(powers, receivers)
+    )
 
 
-MODELS = _models()
-_NUM_PAIRS = len(MODELS) // 2
-"""Models come in pairs that differ by the exponent alone."""
-_LOG_PRIOR = torch.tensor([model.prior for model in MODELS], dtype=torch.float64).log().view(_NUM_PAIRS, 2)
-_COVARIANCE = torch.stack(
-    [
-        torch.tensor(model.offset_db, dtype=torch.float64).square().diag() + model.power_db**2
-        for model in MODELS[::2]
-    ]
-)
-_EXPONENT_VARIANCE = EXPONENT_SPREADS[1] ** 2
-assert all(model.exponent == EXPONENT_SPREADS[place % 2] for place, model in enumerate(MODELS))
-OFFSETS_LIKELY = torch.tensor([model.offset_db[0] == model.offset_db[1] == model.offset_db[2] and model.offset_db[0] > OFFSET_SPREADS_DB[0] for model in MODELS])
-
-
-FIELDS = tuple(itertools.product((3.0, 10.0, 30.0), (2.5, 5.0)))
-"""Shadowing as a field of the trackers' places: its length in metres and its standard deviation in dB."""
+PAIRS = _pairs()
+_LOG_PRIOR = torch.tensor([[pair.prior * TOLD_SHARE, pair.prior * (1 - TOLD_SHARE)] for pair in PAIRS]).double().log()
+_COVARIANCE = torch.stack([torch.tensor(pair.offset_db).double().square().diag() + pair.power_db**2 for pair in PAIRS])
+"""Of the u_t."""
 
 
 @dataclass(frozen=True)
-class Heard:
-    """All windows of a chase, each less what its fading is expected to be."""
+class Levels:
+    """All that was heard, each level less the fading that is expected in it."""
 
     excess_db: Float[Tensor, "window 6"]
-    """Level above the reference level, the expected fading taken off; 0 of a tracker that was not heard."""
+    """Above the reference level; 0 of a tracker that was not heard."""
     precision: Float[Tensor, "window 6"]
-    """1 / apart^2 of the fading; 0 of a tracker that was not heard."""
+    """1 / variance of the fading that each tracker has alone; 0 of one that was not heard."""
     together_db: Float[Tensor, "window"]
     """Standard deviation of the fading that the trackers have in common."""
 
 
 @dataclass(frozen=True)
 class Sums:
-    """What a place costs before anything unknown is eliminated. The residual r is what is left of the levels without the
-    path loss to the place, the slope s what an exponent one larger takes off them; both are multiplied by the inverse
-    of the errors' covariance."""
+    """What a place costs before anything is eliminated. The residual r is what is left of the levels without the path
+    loss to the place, the slope s what an exponent one larger takes off them; products are by the inverse of the
+    errors' covariance."""
 
     rr: Float[Tensor, "place"]
     rs: Float[Tensor, "place"]
@@ -109,26 +103,54 @@ class Sums:
     s_by_tracker: Float[Tensor, "6 place"]
 
 
-def heard(
+class Errors(Protocol):
+    """The law of the levels' errors, which is the same for all places."""
+
+    information: Float[Tensor, "6 6"]
+    """Of the u_t, float64."""
+    log_determinant: float
+    """Of the errors' covariance, over that of the fading alone."""
+    number: int
+    """Of levels."""
+
+    def sums(self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]) -> Sums:
+        """Of each place."""
+
+
+def levels(
     excess_db: Float[Tensor, "window 6"], apart_db: Float[Tensor, "window 6"], together_db: Float[Tensor, "window"]
-) -> Heard:
+) -> Levels:
     """Of levels above the reference (NaN: not heard), with the law of their fading."""
-    counts = excess_db.isfinite()
-    return Heard(excess_db.nan_to_num(0.0), torch.where(counts, apart_db.square().reciprocal(), 0.0), together_db)
+    is_heard = excess_db.isfinite()
+    precision = torch.where(is_heard, apart_db.square().reciprocal(), 0.0)
+    return Levels(excess_db.nan_to_num(0.0), precision, together_db)
+
+
+def residual_and_slope(
+    heard: Levels, exponent: float, log_distance: Float[Tensor, "window 6 place"]
+) -> tuple[Float[Tensor, "window 6 place"], Float[Tensor, "window 6 place"]]:
+    """What ``Sums`` are of.
+
+    Args:
+        heard: all levels.
+        exponent: of the path loss, as told.
+        log_distance: decimal, of the distance from each tracker in each window to each place over d_0.
+    """
+    slope = -10 * log_distance
+    return heard.excess_db[..., None] - exponent * slope, slope
 
 
 class FadingErrors:
-    """Errors of the levels that are the fading's alone: windows by themselves."""
+    """The fading's alone: windows by themselves, each with the covariance 1 / p + v 1 1^T."""
 
-    def __init__(self, heard: Heard) -> None:
+    def __init__(self, heard: Levels) -> None:
         self._precision = heard.precision
         variance = heard.together_db.square()
         self._shared = variance / (1 + variance * heard.precision.sum(dim=1))
         precision = heard.precision.double()
-        self.information = precision.sum(dim=0).diag()
-        self.information -= (precision * self._shared.double()[:, None]).T @ precision
-        self.number = int((heard.precision > 0).sum())
+        self.information = precision.sum(dim=0).diag() - (precision * self._shared.double()[:, None]).T @ precision
         self.log_determinant = 0.0
+        self.number = int((heard.precision > 0).sum())
 
     def sums(self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]) -> Sums:
         """The inverse of a window's covariance is diag(p) - shared p p^T (Sherman and Morrison 1950)."""
@@ -146,81 +168,101 @@ class FadingErrors:
 
 
 class FieldErrors:
-    """Errors of the levels that are the fading's and those of a field of shadowing, which all windows share."""
+    """The fading's, and those of a field of shadowing that all windows share: a level that is too low here is too low
+    when a tracker comes back, and counts once."""
 
     def __init__(
-        self, heard: Heard, tracker_position_m: Float[Tensor, "window 6 3"], length_m: float, spread_db: float
+        self, heard: Levels, tracker_position_m: Float[Tensor, "window 6 3"], length_m: float, spread_db: float
     ) -> None:
-        self._counts = (heard.precision > 0).flatten()
-        precision = heard.precision.flatten()[self._counts].double()
-        place_m = tracker_position_m.flatten(0, 1)[self._counts].double()
-        window = torch.arange(len(heard.precision)).repeat_interleave(NUM_TRACKERS)[self._counts]
+        self._is_heard = (heard.precision > 0).flatten()
+        precision = heard.precision.flatten()[self._is_heard].double()
+        place_m = tracker_position_m.flatten(0, 1)[self._is_heard].double()
+        window = torch.arange(len(heard.precision)).repeat_interleave(NUM_TRACKERS)[self._is_heard]
         variance = heard.together_db.double().square()
-        same = window[:, None] == window
-        fading = precision.reciprocal().diag() + torch.where(same, variance[window], 0.0)
-        errors = fading + spread_db**2 * (-torch.cdist(place_m, place_m) / length_m).exp()
-        factor = torch.linalg.cholesky(errors)
+        together = torch.where(window[:, None] == window, variance[window], 0.0)
+        field = spread_db**2 * (-torch.cdist(place_m, place_m) / length_m).exp()
+        factor = torch.linalg.cholesky(precision.reciprocal().diag() + together + field)
         self._inverse = torch.cholesky_inverse(factor).float()
-        self.log_determinant = float(
-            2 * factor.diagonal().log().sum()
-            + precision.log().sum()
-            - (1 + variance * heard.precision.double().sum(dim=1)).log().sum()
-        )
-        tracker = torch.arange(NUM_TRACKERS).repeat(len(heard.precision))[self._counts]
+        without_field = (1 + variance * heard.precision.double().sum(dim=1)).log().sum() - precision.log().sum()
+        tracker = torch.arange(NUM_TRACKERS).repeat(len(heard.precision))[self._is_heard]
         self._by_tracker = (tracker == torch.arange(NUM_TRACKERS)[:, None]).float()
         self.information = (self._by_tracker @ self._inverse @ self._by_tracker.T).double()
+        self.log_determinant = float(2 * factor.diagonal().log().sum() - without_field)
         self.number = len(precision)
 
     def sums(self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]) -> Sums:
         """By the whole matrix."""
-        residual, slope = residual.flatten(0, 1)[self._counts], slope.flatten(0, 1)[self._counts]
-        r, s = (self._inverse @ torch.cat([residual, slope], dim=1)).split(residual.shape[1], dim=1)
-        by_tracker = self._by_tracker
+        residual, slope = residual.flatten(0, 1)[self._is_heard], slope.flatten(0, 1)[self._is_heard]
+        r, s = (self._inverse @ torch.stack([residual, slope])).unbind()
         return Sums(
             rr=(residual * r).sum(dim=0),
             rs=(slope * r).sum(dim=0),
             ss=(slope * s).sum(dim=0),
-            r_by_tracker=by_tracker @ r,
-            s_by_tracker=by_tracker @ s,
+            r_by_tracker=self._by_tracker @ r,
+            s_by_tracker=self._by_tracker @ s,
         )
 
 
-def residual_and_slope(
-    heard: Heard, exponent: float, log_distance: Float[Tensor, "window 6 place"]
-) -> tuple[Float[Tensor, "window 6 place"], Float[Tensor, "window 6 place"]]:
-    """What is left of the levels without the path loss to each place, and what an exponent one larger would change.
+class Eliminated:
+    """Models joined with one law of the errors: all that is the same for every place is worked out."""
 
-    Args:
-        exponent: of the path loss, as told.
-        log_distance: decimal, of the distance from each tracker in each window to each place over d_0.
-    """
-    slope = -10 * log_distance
-    return heard.excess_db[..., None] - exponent * slope, slope
-
-
-class Priors:
-    """Some of the ``MODELS``' pairs, joined with what one kind of errors says of the trackers' own levels."""
-
-    def __init__(self, errors: "FadingErrors | FieldErrors", pairs: Int[Tensor, "pair"] | None = None) -> None:
+    def __init__(self, errors: Errors, log_share: float, pairs: Int[Tensor, "pair"] | None = None) -> None:
+        """``log_share`` is the prior of this law of the errors; ``pairs`` are numbers of ``PAIRS``, None for all."""
         self._errors = errors
-        covariance = _COVARIANCE if pairs is None else _COVARIANCE[pairs]
+        self.pairs = torch.arange(len(PAIRS)) if pairs is None else pairs
+        covariance = _COVARIANCE[self.pairs]
         grown = torch.eye(NUM_TRACKERS, dtype=torch.float64) + covariance @ errors.information
         self._gain = torch.linalg.solve(grown, covariance).float()
-        log_prior = _LOG_PRIOR if pairs is None else _LOG_PRIOR[pairs]
-        self._constant = (log_prior - (grown.logdet()[:, None] + errors.log_determinant) / 2).float()[..., None]
+        log_determinant = grown.logdet()[:, None] + errors.log_determinant
+        self._constant = (_LOG_PRIOR[self.pairs] + log_share - log_determinant / 2).float()[..., None]
         self._power = -(DEGREES_OF_FREEDOM + errors.number) / 2
 
     def log_likelihoods(
         self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]
     ) -> Float[Tensor, "pair 2 place"]:
-        """Of everything heard if the target were at each place, with the models' priors."""
+        """Of all that was heard if the target were at each place, in each model, with the models' priors."""
         sums = self._errors.sums(residual, slope)
         explained = self._gain @ sums.r_by_tracker
         rr = sums.rr - (explained * sums.r_by_tracker).sum(dim=1)
         rs = sums.rs - (explained * sums.s_by_tracker).sum(dim=1)
         ss = (sums.ss - ((self._gain @ sums.s_by_tracker) * sums.s_by_tracker).sum(dim=1)).clamp_(min=0.0)
-        grows = 1 + _EXPONENT_VARIANCE * ss
-        squared = torch.stack([rr, rr - _EXPONENT_VARIANCE * rs.square_() / grows], dim=1).clamp_(min=0.0)
+        grows = 1 + EXPONENT_SPREAD**2 * ss
+        squared = torch.stack([rr, rr - EXPONENT_SPREAD**2 * rs.square_() / grows], dim=1).clamp_(min=0.0)
         likely = squared.mul_(1 / DEGREES_OF_FREEDOM).log1p_().mul_(self._power).add_(self._constant)
         likely[:, 1] -= grows.log_().mul_(0.5)
         return likely
+
+    def found(
+        self, residual: Float[Tensor, "window 6 1"], slope: Float[Tensor, "window 6 1"]
+    ) -> tuple[Float[Tensor, "pair 2 6"], Float[Tensor, "pair 2"]]:
+        """What is to be expected of the u_t in dB, and of the exponent's error, if the target is at this place."""
+        sums = self._errors.sums(residual, slope)
+        explained, slopes = (self._gain @ part[:, 0] for part in (sums.r_by_tracker, sums.s_by_tracker))
+        rs = sums.rs - explained @ sums.s_by_tracker[:, 0]
+        ss = (sums.ss - slopes @ sums.s_by_tracker[:, 0]).clamp_(min=0.0)
+        error = EXPONENT_SPREAD**2 * rs / (1 + EXPONENT_SPREAD**2 * ss)
+        return torch.stack([explained, explained - error[:, None] * slopes], dim=1), torch.stack(
+            [torch.zeros_like(error), error], dim=1
+        )
+
+
+def power_db(level_db: Float[Tensor, "pair 2 6"], pairs: Int[Tensor, "pair"]) -> Float[Tensor, "pair 2"]:
+    """The part of the u_t that is transmit power, by the priors."""
+    weight = torch.linalg.solve(_COVARIANCE[pairs], torch.ones(len(pairs), NUM_TRACKERS).double())
+    power_variance = torch.tensor([PAIRS[pair].power_db ** 2 for pair in pairs.tolist()]).double()
+    expected_db: Tensor = (power_variance[:, None] * (level_db.double() @ weight[..., None])[..., 0]).float()
+    return expected_db
+
+
+def has_offsets() -> Bool[Tensor, "pair"]:
+    """Pairs in which all receivers have an offset."""
+    return torch.tensor([pair.wrong is None and pair.offset_db[0] > OFFSET_SPREADS_DB[0] for pair in PAIRS])
+
+
+def wrong_receiver() -> Float[Tensor, "6 pair"]:
+    """1 for each receiver in the pairs where it is plainly wrong."""
+    return torch.tensor([[float(pair.wrong == tracker) for pair in PAIRS] for tracker in range(NUM_TRACKERS)])
+
+
+LOG_PLAIN, LOG_FIELD = math.log(0.85), math.log(0.15)
+"""Prior that there is no shadowing, and that there is."""

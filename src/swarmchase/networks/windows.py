@@ -1,4 +1,4 @@
-"""What all windows of a chase so far say of their fading: a mean and a spread for every tracker's level in each of them.
+"""What all windows of a chase so far say of their fading: a mean and a spread for every tracker's level in each.
 
 Samples relative to their tracker's mean power do not depend on the distance, only on the fading. One window shows
 whether a tracker is in a fade where fading is slow against it; many windows show how strong the fading is, how fast,
@@ -44,8 +44,8 @@ class HeardWindows:
 
 @dataclass(frozen=True)
 class WindowsLaw:
-    """What fading adds to the trackers' mean powers in dB: Gaussian, with the covariance diag(apart^2) + together^2 1 1^T
-    in each window."""
+    """What fading adds to the trackers' mean powers in dB: Gaussian, in each window with the covariance
+    diag(apart^2) + together^2 1 1^T."""
 
     mean_db: Float[Tensor, "*window 6"]
     apart_db: Float[Tensor, "*window 6"]
@@ -58,6 +58,8 @@ class WindowsNetwork(HearingNetworks):
     form = "windows"
     memory_features = 0
     smallest_batch = 1
+    own_features = HEAD_FEATURES
+    window_features = WINDOW_FEATURES
 
     def __init__(self, generator: torch.Generator | None = None) -> None:
         """``generator`` draws the initial weights; without it they are left for a file to fill."""

@@ -25,7 +25,7 @@ from ..processes.stop_request import StopRequest
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, POSITIVE, ranged, require_ranges
 
 TABLE_SHARE = 0.5
-"""Each of K, Doppler spread and correlation is one of the paper's in so many of the worlds; such are told most often."""
+"""Each of K, Doppler spread and correlation is one of the paper's in so many of the worlds."""
 TABLE_SPEEDS = (0.1, 0.05, 0.02, 0.01)
 TABLE_CORRELATIONS = (0.1, 0.5, 0.9)
 TABLE_K = 3.0
@@ -115,9 +115,7 @@ def windows_loss(
     return ((nats * counts).sum(dim=1) / number).mean()
 
 
-def negative_log_density(
-    law: WindowsLaw, fading_db: Float[Tensor, "*window 6"]
-) -> Float[Tensor, "*window"]:
+def negative_log_density(law: WindowsLaw, fading_db: Float[Tensor, "*window 6"]) -> Float[Tensor, "*window"]:
     """Of these fadings, but for a constant; what is NaN was not heard."""
     counts = fading_db.isfinite()
     precision = torch.where(counts, law.apart_db.square().reciprocal(), 0.0)
@@ -145,7 +143,9 @@ def train_windows(
     """
     state_path = folder / "resume.safetensors"
     if state_path.exists() != resume:
-        raise InputError(f"{folder} holds {'a run: give --resume to go on with it' if not resume else 'no run to resume'}")
+        raise InputError(
+            f"{folder} holds {'a run: give --resume to go on with it' if not resume else 'no run to resume'}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     generator = torch.Generator(device)
     generator.manual_seed(settings.seed)
