@@ -39,7 +39,7 @@ from .commands.reproduce import ReproduceCommand
 from .commands.serve import ServeCommand
 from .commands.terminal import CONSOLE, discard
 from .commands.tracker import TrackerCommand
-from .commands.train import TrainA3CCommand, TrainBatchedCommand
+from .commands.train import TrainA3CCommand, TrainBatchedCommand, TrainWindowsCommand
 from .errors import InputError, WorkerDiedError
 from .processes.stop_request import Interrupted, stopped_at_once
 
@@ -63,6 +63,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "reproduce": ReproduceCommand,
     "train a3c": TrainA3CCommand,
     "train batched": TrainBatchedCommand,
+    "train windows": TrainWindowsCommand,
     "benchmark channel": BenchmarkChannelCommand,
     "benchmark environment": BenchmarkEnvironmentCommand,
     "benchmark training": BenchmarkTrainingCommand,

@@ -1,4 +1,5 @@
-"""``swarmchase train a3c | batched``: train the four networks as the paper does, or in one process on large batches."""
+"""``swarmchase train a3c | batched | windows``: train the four networks as the paper does, or in one process on large
+batches; or the network with which ``adaptive`` reads windows."""
 
 import contextlib
 import dataclasses
@@ -176,6 +177,52 @@ class TrainBatchedCommand(SettingsOptions, _TrainOptions):
             "precision": self.precision,
         }
         return super().changes() | {name: value for name, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainWindowsCommand:
+    """Train the network with which adaptive reads windows, on fading drawn for it. Ctrl-C stops it cleanly."""
+
+    folder: Path
+    """Folder of the run: best.safetensors and resume.safetensors."""
+    resume: bool = False
+    """Go on with the run in the folder; give the same options as before."""
+    updates: int | None = None
+    """Updates of the network."""
+    worlds: int | None = None
+    """Worlds of fading in an update."""
+    learning_rate: float | None = None
+    """Adam's learning rate at first."""
+    seed: int | None = None
+    """Seed of worlds, fading and initial weights."""
+    device: str = "cpu"
+    """cpu, or cuda where PyTorch sees a GPU."""
+    json: bool = False
+    """Print how the run ended as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Train and report."""
+        from ..training.windows import WindowsSettings
+        from ..training.windows_run import train_windows
+
+        given: dict[str, Any] = {
+            "max_updates": self.updates,
+            "worlds": self.worlds,
+            "learning_rate": self.learning_rate,
+            "seed": self.seed,
+        }
+        settings = WindowsSettings(**{name: value for name, value in given.items() if value is not None})
+        with progress_bar("updates", settings.max_updates, "loss") as show:
+
+            def progress(update: int, loss_nats: float) -> None:
+                show(update, f"{loss_nats:.3f}", "")
+
+            result = train_windows(settings, self.folder, self.resume, self.device, progress)
+        CONSOLE.print(
+            f"Training {result.stopped}: {result.updates} updates, in {result.weights}", markup=False, soft_wrap=True
+        )
+        if self.json:
+            print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
 
 
 @contextlib.contextmanager

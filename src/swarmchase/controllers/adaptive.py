@@ -194,7 +194,9 @@ class AdaptiveController:
         target_m = memory.position_m[0][:, chosen].T.contiguous()
         left_m = memory.position_m[0] - center_m(observation)[0].float()[:, None]
         savings = share_of_savings(self._scenario, left_m, memory.log_weight[0].exp())
-        return Explanation(savings, target_m, self._found(observation, memory))
+        with torch.inference_mode():
+            found = self._found(observation, memory)
+        return Explanation(savings, target_m, found)
 
     def _updated(self, belief: _Belief, read: ReadWindows, center: Float[Tensor, "3"], draws: _Draws) -> _Belief:
         """The belief after all these windows."""

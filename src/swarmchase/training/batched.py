@@ -39,14 +39,19 @@ def train_batched(
     if not scenarios:
         raise InputError("no scenario to train for: give at least one")
     checked_number("threads", num_threads, AT_LEAST_ONE)
-    _require_device(device)
+    require_device(device)
     agents_of_all = dataclasses.replace(settings, num_agents=settings.num_agents * len(scenarios))
     with open_run(scenarios, agents_of_all, "batched", folder, resume, progress, device) as run:
         run_in_turn(run, num_threads, device)
         return run.result()
 
 
-def _require_device(device: str) -> None:
+def require_device(device: str) -> None:
+    """Refuse what PyTorch cannot compute on here.
+
+    Raises:
+        InputError: neither the CPU nor a GPU that it sees.
+    """
     gpus = [f"cuda:{number}" for number in range(torch.cuda.device_count())]
     allowed = ["cpu", *(["cuda", *gpus] if gpus else [])]
     if device not in allowed:
