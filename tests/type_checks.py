@@ -31,7 +31,7 @@ UNCHECKED = {
 }
 """Arithmetic on coordinates, and what the simulation alone asks about every sample and datagram of a chase: many
 millions of calls, at which mypy looks."""
-MOST_CALLS = 10
+MOST_CALLS = 4
 """Of one function that are checked for axes in one test."""
 MOST_PLAIN_CALLS = 100
 """Of one function without axes: its checks cost a tenth."""
