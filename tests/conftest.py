@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from type_checks import check_axes_anew, check_types
+from type_checks import check_types, check_types_anew
 
 check_types()
 
@@ -50,7 +50,7 @@ LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.
 
 def pytest_runtest_setup() -> None:
     """The first calls in each test are checked."""
-    check_axes_anew()
+    check_types_anew()
 
 
 @pytest.hookimpl(wrapper=True, optionalhook=True)

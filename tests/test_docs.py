@@ -1,6 +1,7 @@
 """docs/method.md states what the code holds: every table is checked against the code itself, every name resolved."""
 
 import dataclasses
+import functools
 import importlib
 import json
 import re
@@ -14,7 +15,7 @@ import pytest
 import swarmchase
 from swarmchase.commands.options import FEWEST_MOVEMENTS
 from swarmchase.controllers import weights_sha256
-from swarmchase.evaluation.comparison import read_results, summaries
+from swarmchase.evaluation.comparison import Result, read_results, summaries
 from swarmchase.evaluation.reproduction import read_evaluations
 from swarmchase.networks import actor_critic
 from swarmchase.reports.comparison_tables import comparison_tables
@@ -189,11 +190,16 @@ COMPARISONS = {
 }
 
 
+@functools.cache
+def comparison_results(name: str) -> list[Result]:
+    return read_results(DOCS / "results" / f"{name}.parquet")
+
+
 @pytest.mark.parametrize("name", COMPARISONS)
 def test_the_comparisons_of_the_results_are_those_of_their_tables(name: str) -> None:
     text = (DOCS / "results.md").read_text(encoding="utf-8")
     path = DOCS / "results" / f"{name}.parquet"
-    results = read_results(path)
+    results = comparison_results(name)
     episodes, shown_tables = COMPARISONS[name]
     assert {len(result.evaluation.chases) for result in results} == {episodes}
     tables = comparison_tables(summaries(results))
@@ -216,7 +222,7 @@ def test_the_comparisons_are_of_the_shipped_controllers(name: str) -> None:
 def test_the_console_recommends_whoever_has_needed_the_fewest_movements() -> None:
     """Of those that play live: the mean over all settings in the channel that is told."""
     means: dict[str, list[float]] = {}
-    for row in summaries(read_results(DOCS / "results" / "comparison.parquet")):
+    for row in summaries(comparison_results("comparison")):
         means.setdefault(row["controller"], []).append(row["movements_mean"])
     del means["oracle"]
     assert min(means, key=lambda name: sum(means[name])) == FEWEST_MOVEMENTS

@@ -1,29 +1,40 @@
-"""Types are checked in the calls of the package while the tests run, and the axes of tensors where there are any."""
+"""Types are checked in the calls of the package while the tests run, and the axes of tensors where there are any.
 
+In each test the first calls of a function are: in a loop the others are like these.
+"""
+
+import dataclasses
 import functools
-from collections import Counter
 from collections.abc import Callable
 from importlib.util import find_spec
 from pkgutil import iter_modules
+from types import CodeType
 from typing import Any
 
 import jaxtyping
-from beartype import BeartypeConf
-from beartype.claw import beartype_package
+from beartype import beartype
 
 PLAIN = ["live", "simulation"]
-"""Rooms without axes, whose loops run for minutes of a chase: a call checked for axes, too, costs ten times as much."""
+"""Rooms without axes."""
 EXCEPTION = "swarmchase.simulation.radio"
 """It has some."""
-ARITHMETIC = "swarmchase.live.tracker.vehicles.simulated"
-"""Its calls on coordinates are many millions: mypy looks at them."""
-SAMPLE_BY_SAMPLE = [
-    f"swarmchase.simulation.{name}"
-    for name in ("fault_plan", "faulty_path", "receivers_gone_wrong", "vehicles_gone_wrong", "virtual_network")
-]
-"""They are asked about every sample and datagram of a chase, by the simulation alone: the same goes for them."""
-MOST_CALLS = 10
-"""Of one function that are checked for axes in one test: in a loop the others are like these."""
+UNCHECKED = {
+    f"swarmchase.{name}"
+    for name in (
+        "live.tracker.vehicles.simulated",
+        "simulation.fault_plan",
+        "simulation.faulty_path",
+        "simulation.receivers_gone_wrong",
+        "simulation.vehicles_gone_wrong",
+        "simulation.virtual_network",
+    )
+}
+"""Arithmetic on coordinates, and what the simulation alone asks about every sample and datagram of a chase: many
+millions of calls, at which mypy looks."""
+MOST_CALLS = 4
+"""Of one function that are checked for axes in one test."""
+MOST_PLAIN_CALLS = 100
+"""Of one function without axes: its checks cost a tenth."""
 
 spec = find_spec("swarmchase")
 assert spec is not None
@@ -31,40 +42,63 @@ AXES = [
     EXCEPTION,
     *(f"swarmchase.{one.name}" for one in iter_modules(spec.submodule_search_locations) if one.name not in PLAIN),
 ]
-_checked: Counter[Any] = Counter()
-"""Calls, by function."""
 _jaxtyped = jaxtyping.jaxtyped
+
+
+@dataclasses.dataclass
+class _Calls:
+    """Of one function, however often it is made anew inside another."""
+
+    code: CodeType
+    most: int
+    left: int
+
+
+_calls: dict[int, _Calls] = {}
 
 
 def check_types() -> None:
     """Of all that is imported from now on."""
     jaxtyping.jaxtyped = _at_first
-    jaxtyping.install_import_hook(AXES, "beartype.beartype")
-    for room in PLAIN:
-        configuration = BeartypeConf(
-            claw_is_pep526=False, claw_skip_package_names=(EXCEPTION, ARITHMETIC, *SAMPLE_BY_SAMPLE)
-        )
-        beartype_package(f"swarmchase.{room}", conf=configuration)
+    jaxtyping.install_import_hook([*AXES, *(f"swarmchase.{room}" for room in PLAIN)], "beartype.beartype")
 
 
-def check_axes_anew() -> None:
+def check_types_anew() -> None:
     """A test begins."""
-    _checked.clear()
+    for calls in _calls.values():
+        calls.left = calls.most
 
 
 def _at_first(thing: Any = None, **options: Any) -> Any:
-    """As ``jaxtyped``, which the import hook writes above every function and class; of functions the first calls."""
+    """As ``jaxtyped``, which the import hook writes above every function and class; in the first calls."""
     if thing is None:
         return functools.partial(_at_first, **options)
-    checked: Callable[..., Any] = _jaxtyped(thing, **options)
-    if isinstance(thing, type):
-        return checked
+    if thing.__module__ in UNCHECKED:
+        return thing
+    plain = thing.__module__.split(".")[1] in PLAIN and thing.__module__ != EXCEPTION
+    checks, most = (beartype, MOST_PLAIN_CALLS) if plain else (functools.partial(_jaxtyped, **options), MOST_CALLS)
+    if not isinstance(thing, type):
+        return _checked_at_first(thing, checks, most)
+    made = vars(thing).get("__init__")
+    if dataclasses.is_dataclass(thing) and made is not None and not hasattr(made, "__wrapped__"):
+        thing.__init__ = _checked_at_first(made, checks, most)
+    return thing
 
-    @functools.wraps(thing)
+
+def _checked_at_first(function: Any, checks: Callable[[Any], Any], most: int) -> Any:
+    code = function.__code__
+    # Not by the code itself, which is equal to that of another dataclass with the same fields.
+    calls = _calls.setdefault(id(code), _Calls(code, most, most))
+    checked: Any = None
+
+    @functools.wraps(function)
     def call(*values: Any, **named: Any) -> Any:
-        if _checked[thing] >= MOST_CALLS:
-            return thing(*values, **named)
-        _checked[thing] += 1
+        nonlocal checked
+        if not calls.left:
+            return function(*values, **named)
+        calls.left -= 1
+        if checked is None:
+            checked = checks(function)
         return checked(*values, **named)
 
     return call

@@ -1,45 +1,23 @@
 """The command line: ``swarmchase`` and the name of a command.
 
 Each command is a dataclass whose fields are its options and whose ``run`` does the work; tyro makes the parser and
-``--help`` of them. What is slow to import is imported by ``run``. Bad input ends in one line on standard error and exit
-code 2.
+``--help`` of them. A command's module is imported when it is asked for, and what is slow to import by ``run``. Bad
+input ends in one line on standard error and exit code 2.
 """
 
 import contextlib
+import importlib
 import io
 import re
 import select
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TextIO, runtime_checkable
+from typing import Protocol, TextIO, runtime_checkable
 
 import tyro
 
-from .commands.benchmark import (
-    BenchmarkBatchedCommand,
-    BenchmarkChannelCommand,
-    BenchmarkClusterCommand,
-    BenchmarkEnvironmentCommand,
-    BenchmarkKillsCommand,
-    BenchmarkLiarsCommand,
-    BenchmarkLiveCommand,
-    BenchmarkNearnessCommand,
-    BenchmarkSeparationCommand,
-    BenchmarkSoakCommand,
-    BenchmarkTrainingCommand,
-)
-from .commands.chase import ChaseCommand
-from .commands.compare import CompareCommand
-from .commands.evaluate import EvaluateCommand
-from .commands.keys import KeysCommand, KeysRenewCommand, KeysResetCommand, KeysRevokeCommand
-from .commands.live import LiveCommand
-from .commands.replay import ReplayCommand
-from .commands.reproduce import ReproduceCommand
-from .commands.serve import ServeCommand
 from .commands.terminal import CONSOLE, discard
-from .commands.tracker import TrackerCommand
-from .commands.train import TrainA3CCommand, TrainBatchedCommand, TrainWindowsCommand
 from .errors import InputError, WorkerDiedError
 from .processes.stop_request import Interrupted, stopped_at_once
 
@@ -56,37 +34,38 @@ class Command(Protocol):
         """Do the work."""
 
 
-COMMANDS: dict[str, Callable[..., Command]] = {
-    "chase": ChaseCommand,
-    "evaluate": EvaluateCommand,
-    "compare": CompareCommand,
-    "reproduce": ReproduceCommand,
-    "train a3c": TrainA3CCommand,
-    "train batched": TrainBatchedCommand,
-    "train windows": TrainWindowsCommand,
-    "benchmark channel": BenchmarkChannelCommand,
-    "benchmark environment": BenchmarkEnvironmentCommand,
-    "benchmark training": BenchmarkTrainingCommand,
-    "benchmark batched": BenchmarkBatchedCommand,
-    "benchmark cluster": BenchmarkClusterCommand,
-    "benchmark live": BenchmarkLiveCommand,
-    "benchmark liars": BenchmarkLiarsCommand,
-    "benchmark separation": BenchmarkSeparationCommand,
-    "benchmark nearness": BenchmarkNearnessCommand,
-    "benchmark soak": BenchmarkSoakCommand,
-    "benchmark kills": BenchmarkKillsCommand,
-    "keys": KeysCommand,
-    "keys make": KeysCommand,
-    "keys renew": KeysRenewCommand,
-    "keys revoke": KeysRevokeCommand,
-    "keys reset": KeysResetCommand,
-    "live": LiveCommand,
-    "serve": ServeCommand,
-    "replay": ReplayCommand,
-    "tracker": TrackerCommand,
+COMMANDS = {
+    "chase": "chase.ChaseCommand",
+    "evaluate": "evaluate.EvaluateCommand",
+    "compare": "compare.CompareCommand",
+    "reproduce": "reproduce.ReproduceCommand",
+    "train a3c": "train.TrainA3CCommand",
+    "train batched": "train.TrainBatchedCommand",
+    "train windows": "train.TrainWindowsCommand",
+    "benchmark channel": "benchmark.BenchmarkChannelCommand",
+    "benchmark environment": "benchmark.BenchmarkEnvironmentCommand",
+    "benchmark training": "benchmark.BenchmarkTrainingCommand",
+    "benchmark batched": "benchmark.BenchmarkBatchedCommand",
+    "benchmark cluster": "benchmark.BenchmarkClusterCommand",
+    "benchmark live": "benchmark.BenchmarkLiveCommand",
+    "benchmark liars": "benchmark.BenchmarkLiarsCommand",
+    "benchmark separation": "benchmark.BenchmarkSeparationCommand",
+    "benchmark nearness": "benchmark.BenchmarkNearnessCommand",
+    "benchmark soak": "benchmark.BenchmarkSoakCommand",
+    "benchmark kills": "benchmark.BenchmarkKillsCommand",
+    "keys": "keys.KeysCommand",
+    "keys make": "keys.KeysCommand",
+    "keys renew": "keys.KeysRenewCommand",
+    "keys revoke": "keys.KeysRevokeCommand",
+    "keys reset": "keys.KeysResetCommand",
+    "live": "live.LiveCommand",
+    "serve": "serve.ServeCommand",
+    "replay": "replay.ReplayCommand",
+    "tracker": "tracker.TrackerCommand",
 }
+"""What answers to a name: a module of ``commands``, and the class in it."""
 
-WITHOUT_TORCH = (KeysCommand, KeysRenewCommand, KeysRevokeCommand, KeysResetCommand, TrackerCommand)
+WITHOUT_TORCH = {"keys", "keys make", "keys renew", "keys revoke", "keys reset", "tracker"}
 """A tracker's computer is small."""
 
 
@@ -97,9 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     SIGHUP.
     """
     try:
-        command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
+        name, command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
         with stopped_at_once():
-            if not isinstance(command, WITHOUT_TORCH):
+            if name not in WITHOUT_TORCH:
                 _use_one_thread()
             command.run()
     except BrokenPipeError:
@@ -120,8 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(128 + number)
 
 
-def _parsed(words: list[str]) -> Command:
-    """The command these words ask for.
+def _parsed(words: list[str]) -> tuple[str, Command]:
+    """The name of the command these words ask for, and the command.
 
     Raises:
         InputError: an unknown command or option, a value that cannot be read, or an option that is missing.
@@ -129,23 +108,30 @@ def _parsed(words: list[str]) -> Command:
     """
     # ``train a3c`` and its like are two words to a person and one command to the parser.
     pair = " ".join(words[:2])
-    words = [pair, *words[2:]] if pair in COMMANDS else words
-    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
-        raise InputError(f"no command {words[0]!r}; there are {', '.join(COMMANDS)}; see: swarmchase --help")
+    name, *options = [pair, *words[2:]] if pair in COMMANDS else words or [""]
+    if name not in COMMANDS and not name.startswith("-") and words:
+        raise InputError(f"no command {name!r}; there are {', '.join(COMMANDS)}; see: swarmchase --help")
     refusal = io.StringIO()
     try:
         with contextlib.redirect_stderr(refusal):
-            parsed: Any = tyro.extras.subcommand_cli_from_dict(
-                COMMANDS, prog="swarmchase", description=DESCRIPTION, args=words
+            if name in COMMANDS:
+                return name, tyro.cli(_kind(name), prog=f"swarmchase {name}", args=options)
+            tyro.extras.subcommand_cli_from_dict(
+                {one: _kind(one) for one in COMMANDS}, prog="swarmchase", description=DESCRIPTION, args=words
             )
     except SystemExit as error:
         if not error.code:
             print(end="", flush=True)  # now, since nobody catches what fails at the very end
             raise
-        command = f"{words[0]} " if words and words[0] in COMMANDS else ""
+        command = f"{name} " if name in COMMANDS else ""
         raise InputError(f"{_one_line(refusal.getvalue())}; see: swarmchase {command}--help") from None
-    command_object: Command = parsed
-    return command_object
+    raise AssertionError("without a command there is nothing to parse")
+
+
+def _kind(name: str) -> Callable[..., Command]:
+    module, kind = COMMANDS[name].split(".")
+    found: Callable[..., Command] = getattr(importlib.import_module(f".commands.{module}", __package__), kind)
+    return found
 
 
 def _one_line(refusal: str) -> str:

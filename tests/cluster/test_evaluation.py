@@ -16,7 +16,7 @@ from swarmchase.cluster.connection import connected
 from swarmchase.cluster.evaluation import on_cluster
 from swarmchase.controllers import weights_path
 from swarmchase.errors import InputError
-from swarmchase.evaluation import blocks
+from swarmchase.evaluation import blocks, comparison
 from swarmchase.evaluation.blocks import Job, evaluate_jobs
 from swarmchase.evaluation.comparison import TABLE_FILE
 from swarmchase.evaluation.table import Evaluation
@@ -38,6 +38,7 @@ def cluster() -> Iterator[Nodes]:
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blocks, "BLOCK_CHASES", 8)
     monkeypatch.setattr(cluster_evaluation, "PART_CHASES", 3)
+    monkeypatch.setattr(comparison, "TIMED_DECISIONS", 10)  # here, wherever the chases are
 
 
 def words(place: Path, **options: Any) -> list[str]:

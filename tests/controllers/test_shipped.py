@@ -15,6 +15,7 @@ from swarmchase.evaluation.chases import run_chases
 from swarmchase.evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION
 from swarmchase.evaluation.reproduction import read_evaluations
 from swarmchase.evaluation.statistics import nearest_rank_percentile
+from swarmchase.evaluation.table import Evaluation
 from swarmchase.networks.actor_critic import greedy_choice
 from swarmchase.scenario import Scenario, paper_scenario
 
@@ -22,6 +23,13 @@ FAMILIES = shipped_families()
 ALL = [weights for family in ("paper", "paper-a3c") for weights in FAMILIES[family]]
 MODEL_CARD = (WEIGHTS_FOLDER / "README.md").read_text(encoding="utf-8")
 SHIPPED_TABLE = Path(__file__).parents[2] / "docs" / "results" / "reproduction.parquet"
+
+
+@pytest.fixture(scope="module")
+def shipped_table() -> dict[str, Evaluation]:
+    """What is in it of each file of weights."""
+    evaluations = read_evaluations(SHIPPED_TABLE)
+    return {str(one.weights): one for one in evaluations if one.controller != "oracle"}
 
 
 def own_scenario(weights: ShippedWeights) -> Scenario:
@@ -54,20 +62,21 @@ def test_a_file_is_small_and_says_what_made_it(weights: ShippedWeights) -> None:
 
 
 @pytest.mark.parametrize("weights", ALL, ids=lambda weights: weights.name)
-def test_it_reaches_its_targets(weights: ShippedWeights) -> None:
-    scenario = own_scenario(weights)
-    rows = list(run_chases(scenario, load_controller(weights.family, scenario), 17, range(16)))
-    assert all(row.reached for row in rows)
-
-
-def test_the_shipped_table_is_of_the_shipped_controllers() -> None:
+def test_it_reaches_its_targets_and_the_shipped_table_is_of_it(
+    weights: ShippedWeights, shipped_table: dict[str, Evaluation]
+) -> None:
     """The first chases of the table, again: another controller would need other numbers of movements."""
-    for one in read_evaluations(SHIPPED_TABLE):
-        if one.controller == "oracle":
-            continue
-        controller = load_controller(one.controller, one.scenario)
-        rows = sorted(run_chases(one.scenario, controller, one.seed, range(4)), key=lambda row: row.chase)
-        assert [row.movements for row in rows] == [chase.movements for chase in one.chases[:4]], one.scenario
+    scenario = own_scenario(weights)
+    table = shipped_table[weights.name]
+    assert scenario == table.scenario
+    controller = load_controller(weights.family, scenario)
+    rows = sorted(run_chases(scenario, controller, table.seed, range(8)), key=lambda row: row.chase)
+    assert all(row.reached for row in rows)
+    assert [row.movements for row in rows] == [chase.movements for chase in table.chases[:8]]
+
+
+def test_the_shipped_table_is_of_all_of_them_and_of_nobody_else(shipped_table: dict[str, Evaluation]) -> None:
+    assert shipped_table.keys() == {weights.name for weights in ALL}
 
 
 def test_the_easiest_setting_is_chased_nearly_as_fast_as_the_oracle_does() -> None:

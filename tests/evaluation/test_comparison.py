@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from swarmchase.cli import main
 from swarmchase.controllers import load_controller
 from swarmchase.errors import InputError
-from swarmchase.evaluation import blocks
+from swarmchase.evaluation import blocks, comparison
 from swarmchase.evaluation.chases import ChaseResult, run_chases
 from swarmchase.evaluation.comparison import (
     AS_TOLD,
@@ -44,6 +44,12 @@ from swarmchase.world.departures import DEPARTURES, departed
 
 NEAR = paper_scenario(start_distance_m=10.0, max_movements=15)
 LOUD = dataclasses.replace(NEAR, transmit_power_dbm=29.0)
+
+
+@pytest.fixture
+def few_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten decisions are timed in each setting, not three hundred, which one test looks at."""
+    monkeypatch.setattr(comparison, "TIMED_DECISIONS", 10)
 
 
 def result(controller: str, movements: list[int], sampling_hz: float = 10.0, world_name: str = AS_TOLD) -> Result:
@@ -204,6 +210,7 @@ def test_the_tables_by_hand() -> None:
     assert tables["reached"].splitlines()[2] == "| 0.5 | 10 | 100.00 % | 100.00 % |"
 
 
+@pytest.mark.usefixtures("few_timed")
 def test_where_the_clock_measures_the_seconds_come_first(tmp_path: Path) -> None:
     """The real command: ten flights of two who know where the target is, and one who does not."""
     words = "compare --controllers oracle-intercept oracle random --scenario flight --behaviour waypoints --json"
@@ -264,6 +271,7 @@ def test_decisions_are_timed_in_whole_chases() -> None:
 
 
 @pytest.mark.parametrize("departures", [False, True])
+@pytest.mark.usefixtures("few_timed")
 def test_the_command_leaves_table_report_figures_and_one_json_list(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], departures: bool
 ) -> None:
@@ -294,6 +302,7 @@ def test_the_command_leaves_table_report_figures_and_one_json_list(
     assert all(table in report for table in read.values())
 
 
+@pytest.mark.usefixtures("few_timed")
 def test_the_paper_settings_are_twelve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["compare", "--controllers", "oracle", "--episodes", "1", "--processes", "1", "--paper-settings"]
     main([*words, "--folder", str(tmp_path / "out"), "--json"])

@@ -223,26 +223,25 @@ def small_shares(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("controller", ["random", "oracle", "learned"])
-@pytest.mark.usefixtures("small_shares")
-def test_table_is_the_same_for_any_batch_size_and_processes(controller: str, weights: Path, tmp_path: Path) -> None:
+def test_table_is_the_same_for_any_batch_size(controller: str, weights: Path, tmp_path: Path) -> None:
     name = str(weights) if controller == "learned" else controller
     tables = {
         batch_size: table_of(tmp_path, controller=name, episodes=24, batch_size=batch_size)
         for batch_size in (1, 7, 128)
     }
     assert tables[1] == tables[7] == tables[128]
-    if controller == "learned":  # the others would only start the same processes again
-        assert table_of(tmp_path, controller=name, episodes=24, batch_size=7, processes=2) == tables[7]
+    if controller == "learned":
         assert table_of(tmp_path, controller=name, episodes=24, action_choice="greedy") != tables[7]
 
 
 @pytest.mark.usefixtures("small_shares")
-def test_two_processes_tell_of_every_chase_and_leave_none_out(weights: Path) -> None:
+def test_two_processes_make_the_same_table_tell_of_every_chase_and_leave_none_out(weights: Path) -> None:
     told: list[int] = []
     outcome = evaluate(SMALL, str(weights), episodes=11, seed=2, processes=2, finished=told.append)
     assert list(dict.fromkeys(told)) == list(range(12))  # some more than once, while none ends
     assert told == sorted(told)
     assert [chase.chase for chase in outcome.chases] == list(range(11))
+    assert outcome == evaluate(SMALL, str(weights), episodes=11, seed=2)
 
 
 def test_chases_are_those_of_a_longer_run() -> None:

@@ -189,7 +189,7 @@ def test_through_faults_of_every_kind_it_arrives(tmp_path: Path, lives: list[Liv
 @pytest.mark.parametrize("sent_to", ["all, as systemd does", "a tracker", "the stage"])
 def test_a_signal_ends_every_process_and_keeps_the_log(sent_to: str, tmp_path: Path, lives: list[Live]) -> None:
     """To whichever of the command's processes it goes, and SIGTERM as often as it likes."""
-    live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
+    live = Live(tmp_path, "--controller", "gradient", scenario=NEAR.replace("12", "100"))
     lives.append(live)
     live.wait_for("-> moving: movement 1")
     children = live.children()
@@ -211,7 +211,7 @@ def test_a_signal_ends_every_process_and_keeps_the_log(sent_to: str, tmp_path: P
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc here to find processes in")
 def test_a_site_that_dies_is_a_clear_line(tmp_path: Path, lives: list[Live]) -> None:
-    live = Live(tmp_path, scenario=NEAR.replace("12", "100"))
+    live = Live(tmp_path, "--controller", "gradient", scenario=NEAR.replace("12", "100"))
     lives.append(live)
     live.wait_for("-> moving: movement 1")
     children = live.children()

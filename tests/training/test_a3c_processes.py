@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="re
 WAIT_S = 60
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
 SETTINGS = TrainingSettings(
-    num_agents=1, learning_rate=1e-3, max_updates=20, seed=5, evaluation_interval=20, evaluation_chases=4
+    num_agents=1, learning_rate=1e-3, max_updates=20, seed=5, evaluation_interval=30, evaluation_chases=4
 )
 ENDLESS = 100_000
 
@@ -123,6 +123,8 @@ def test_one_worker_process_is_the_deterministic_schedule_bit_for_bit(tmp_path):
     """The auxiliary agent only reads, and makes its last evaluation before the run ends."""
     results = [train_a3c(WORLD, SETTINGS, tmp_path / schedule, schedule) for schedule in ("processes", "deterministic")]
     assert [result.updates for result in results] == [20, 20]
+    # The last networks are evaluated whatever the interval.
+    assert [line["update"] for line in read_log(tmp_path / "processes", "evaluation")] == [20]
     # The last part is the best weights' file, which names its schedule.
     assert left_behind(tmp_path / "processes")[:-1] == left_behind(tmp_path / "deterministic")[:-1]
     weights = [load_file(tmp_path / schedule / "best.safetensors") for schedule in ("processes", "deterministic")]

@@ -79,15 +79,17 @@ def train(
 def test_it_is_a3c_with_one_worker_and_the_same_chases_parameter_by_parameter(tmp_path: Path, name: str) -> None:
     settings = preset(name, precision="float32", learning_rate=1e-3)
     batched = train(tmp_path / "batched", settings)
-    train_a3c(WORLD, settings, tmp_path / "a3c", "processes")
+    train_a3c(WORLD, settings, tmp_path / "a3c", "deterministic")
     a3c = load_file(tmp_path / "a3c" / "resume.safetensors")
     assert {name: tensor.tolist() for name, tensor in a3c.items()} == {
         name: value for name, value in batched.items() if name != "log"
     }
 
 
-@pytest.mark.parametrize("name", ["a2c", "ppo", "all-actions", "counterfactual"])
-@pytest.mark.parametrize("scenarios", [[WORLD], [WORLD, OTHER]])
+@pytest.mark.parametrize(
+    ("name", "scenarios"),
+    [("a2c", [WORLD]), *((name, [WORLD, OTHER]) for name in ("a2c", "ppo", "all-actions", "counterfactual"))],
+)
 def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(
     tmp_path: Path, name: str, scenarios: list[Scenario]
 ) -> None:
@@ -152,9 +154,6 @@ def test_one_network_cannot_go_on_for_three_that_differ(tmp_path: Path) -> None:
 def test_the_last_networks_are_evaluated_whatever_the_interval(tmp_path: Path) -> None:
     train(tmp_path / "batched", preset("a2c", max_updates=5, evaluation_interval=3))
     assert [line["update"] for line in read_log(tmp_path / "batched", "evaluation")] == [3, 5]
-    settings = preset("paper", max_updates=5, evaluation_interval=3, num_agents=2)
-    train_a3c(WORLD, settings, tmp_path / "processes")
-    assert read_log(tmp_path / "processes", "evaluation")[-1]["update"] == 5
 
 
 def symmetric(policy_scale: float = 1.0) -> tuple[SymmetricNetworks, SwarmNetworks]:
@@ -313,7 +312,7 @@ def test_the_spacing_explores_as_often_as_it_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("name", "rollouts", "learning_rate"),
-    [("a2c", 40, 4e-3), ("ppo", 20, 3e-3), ("all-actions", 40, 3e-3), ("counterfactual", 60, 1e-3)],
+    [("a2c", 30, 4e-3), ("ppo", 14, 3e-3), ("all-actions", 30, 3e-3), ("counterfactual", 30, 2e-3)],
 )
 def test_every_objective_learns(tmp_path: Path, name: str, rollouts: int, learning_rate: float) -> None:
     """The target 8 m away and no fading: hardly a chase of the first networks reaches it in 20 movements."""

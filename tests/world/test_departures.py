@@ -58,10 +58,36 @@ def worlds() -> list[Scenario]:
         ("independent LOS phases", {"los_phase": "independent"}),
         ("start at 60 m", {"start_distance_m": 60}),
         ("start at 150 m", {"start_distance_m": 150}),
+        ("start at 300 m", {"start_distance_m": 300}),
         ("one tracker silent", {"silent_trackers": 1}),
         ("two trackers silent", {"silent_trackers": 2}),
         ("20 % of samples missing", {"missing_sample_share": 0.2}),
         ("receivers off by up to 3 dB", {"receiver_offset_db": 3}),
+        ("receivers off by up to 6 dB", {"receiver_offset_db": 6}),
+        ("one receiver off by 20 dB", {"wrong_trackers": 1}),
+        ("one receiver stuck", {"stuck_trackers": 1}),
+        ("whole decibels", {"receiver_step_db": 1}),
+        (
+            "off by 3 dB, exponent 3.0, 3 dB weaker, K = 1, whole decibels",
+            {
+                "receiver_offset_db": 3,
+                "path_loss_exponent": 3.0,
+                "transmit_power_dbm": TOLD.transmit_power_dbm - 3,
+                "rician_k": 1,
+                "receiver_step_db": 1,
+            },
+        ),
+        ("shadowing of 3 dB", {"shadowing_db": 3}),
+        (
+            "shadowing of 3 dB, off by 3 dB, exponent 2.2, 10 % missing, whole decibels",
+            {
+                "shadowing_db": 3,
+                "receiver_offset_db": 3,
+                "path_loss_exponent": 2.2,
+                "missing_sample_share": 0.1,
+                "receiver_step_db": 1,
+            },
+        ),
     ],
 )
 def test_a_departure_changes_what_its_name_says_and_nothing_else(name: str, expected: dict[str, object]) -> None:

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.linalg import eigh, toeplitz
-from scipy.special import j0
 
 from ..batch.array_types import Float, Tensor
 from ..batch.streams import ChaseKey, ChaseStreams, Purpose
@@ -76,6 +74,9 @@ def jakes_basis(
     that hold all but ``DISCARDED_POWER`` of the power are exact to that figure. Each of the two parts of w has
     variance 1/2, which is folded into B: feed standard normals for both.
     """
+    from scipy.linalg import eigh, toeplitz
+    from scipy.special import j0
+
     covariance = toeplitz(j0(2 * np.pi * doppler_spread_hz * sample_time_s))
     eigenvalue, eigenvector = eigh(covariance)
     kept = eigenvalue > DISCARDED_POWER * eigenvalue.sum()

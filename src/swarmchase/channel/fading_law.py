@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.special import ndtr
 
 from ..batch.array_types import Bool, Float, Tensor
 from ..batch.streams import chase_keys
@@ -117,6 +116,7 @@ def fading_law(scenario: Scenario, window_power: WindowPower = mean_power_dbm) -
 def _drawn_law(fields: tuple[Any, ...], window_power: WindowPower) -> FadingLaw:
     """Of a scenario with these values of ``_FIELDS_OF_FADING``."""
     from scipy.interpolate import PchipInterpolator
+    from scipy.special import ndtr
 
     scenario = paper_scenario(**dict(zip(_FIELDS_OF_FADING, fields, strict=True)))
     fading_db = _drawn_fading_db(scenario, window_power)

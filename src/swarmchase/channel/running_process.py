@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.special import jv
 
 from ..batch.array_types import Float, Tensor
 from ..batch.streams import ChaseKey, ChaseStreams, Purpose
@@ -96,6 +95,8 @@ def harmonic_frequency_hz(doppler_spread_hz: float, horizon_s: float) -> "np.nda
     With P angles the autocorrelation errs by J_2P(2 pi f_d tau), which falls faster than exponentially once
     2 P exceeds its argument; P is the smallest that meets ``HARMONIC_TOLERANCE`` at the horizon.
     """
+    from scipy.special import jv
+
     reach = 2 * math.pi * doppler_spread_hz * horizon_s
     num_harmonics = max(1, math.ceil(reach / 2))
     while abs(float(jv(2 * num_harmonics, reach))) > HARMONIC_TOLERANCE:

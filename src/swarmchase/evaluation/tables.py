@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -86,12 +87,19 @@ def checked_row(kind: Callable[..., RowKind], row: Row) -> RowKind:
     Raises:
         TypeError: a value is of another type, or there are too many or too few.
     """
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        if field.name not in row and field.default is not dataclasses.MISSING:
-            continue
-        if type(row.get(field.name)) not in (get_args(field.type) or (field.type,)):
-            raise TypeError(f"{field.name} = {shown(row.get(field.name))} is no {field.type}")
+    for name, types, needed in _fields(kind):
+        if type(row.get(name)) not in types and (needed or name in row):
+            raise TypeError(f"{name} = {shown(row.get(name))} is no {' | '.join(one.__name__ for one in types)}")
     return kind(**row)
+
+
+@functools.cache
+def _fields(kind: Any) -> list[tuple[str, tuple[type, ...], bool]]:
+    """The name of each field of a dataclass, the types it allows, and whether it has no default."""
+    return [
+        (field.name, get_args(field.type) or (field.type,), field.default is dataclasses.MISSING)
+        for field in dataclasses.fields(kind)
+    ]
 
 
 @contextlib.contextmanager

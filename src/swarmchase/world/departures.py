@@ -27,12 +27,33 @@ DEPARTURES: Mapping[str, Mapping[str, Any]] = {
     "independent LOS phases": {"los_phase": "independent"},
     "start at 60 m": {"start_distance_m": 60.0},
     "start at 150 m": {"start_distance_m": 150.0},
+    "start at 300 m": {"start_distance_m": 300.0},
     "one tracker silent": {"silent_trackers": 1},
     "two trackers silent": {"silent_trackers": 2},
     "20 % of samples missing": {"missing_sample_share": 0.2},
     "receivers off by up to 3 dB": {"receiver_offset_db": 3.0},
+    "receivers off by up to 6 dB": {"receiver_offset_db": 6.0},
+    "one receiver off by 20 dB": {"wrong_trackers": 1},
+    "one receiver stuck": {"stuck_trackers": 1},
+    "whole decibels": {"receiver_step_db": 1.0},
+    "off by 3 dB, exponent 3.0, 3 dB weaker, K = 1, whole decibels": {
+        "receiver_offset_db": 3.0,
+        "path_loss_exponent": 3.0,
+        "transmit_power_dbm": -3.0,
+        "rician_k": 1.0,
+        "receiver_step_db": 1.0,
+    },
+    "shadowing of 3 dB": {"shadowing_db": 3.0},
+    "shadowing of 3 dB, off by 3 dB, exponent 2.2, 10 % missing, whole decibels": {
+        "shadowing_db": 3.0,
+        "receiver_offset_db": 3.0,
+        "path_loss_exponent": 2.2,
+        "missing_sample_share": 0.1,
+        "receiver_step_db": 1.0,
+    },
 }
-"""The worlds of the robustness table by name; the transmit power is relative to the scenario's."""
+"""The worlds of the robustness table by name; the transmit power is relative to the scenario's. Shadowing's correlation
+falls to 1 / e over the scenario's ``shadowing_distance_m``, 20 m."""
 
 _DRAWN: Mapping[str, Callable[[Scenario, float], Any]] = {
     # What a departing field is, of a number drawn uniformly from [0, 1).
