@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: chase test check-python clean
 
 chase: $(VENV)/.installed
-	$(BIN)/swarmchase chase
+	$(BIN)/swarmchase chase --controller paper
 
 # The workers and the hundreds of processes that tests start read what the first of them has compiled.
 test: export PYTHONDONTWRITEBYTECODE =

@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import swarmchase
-from swarmchase.commands.options import FEWEST_MOVEMENTS
 from swarmchase.controllers import weights_sha256
 from swarmchase.evaluation.comparison import Result, read_results, summaries
 from swarmchase.evaluation.reproduction import read_evaluations
@@ -217,15 +216,6 @@ def test_the_comparisons_are_of_the_shipped_controllers(name: str) -> None:
     for origin in origins:
         told = Scenario.from_dict(origin["told"])
         assert origin["weights_sha256"] == weights_sha256(origin["controller"], told), origin["controller"]
-
-
-def test_the_console_recommends_whoever_has_needed_the_fewest_movements() -> None:
-    """Of those that play live: the mean over all settings in the channel that is told."""
-    means: dict[str, list[float]] = {}
-    for row in summaries(comparison_results("comparison")):
-        means.setdefault(row["controller"], []).append(row["movements_mean"])
-    del means["oracle"]
-    assert min(means, key=lambda name: sum(means[name])) == FEWEST_MOVEMENTS
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,21 @@ def test_those_that_remember_are_one_file_for_all_settings(
     assert "F = 200 Hz, rho = 0.9 lies outside" in str(weights.explanation(outside))
 
 
+def test_adaptive_is_told_nothing_and_has_one_file_for_all_channels() -> None:
+    [weights] = FAMILIES["adaptive"]
+    assert weights.name == "adaptive/all-channels"
+    with safe_open(weights.path, framework="pt") as file:
+        document = json.loads(file.metadata()["swarmchase"])
+        tensors = [file.get_tensor(name) for name in file.keys()]  # noqa: SIM118 (safe_open is no mapping)
+    assert {tensor.dtype for tensor in tensors} == {torch.float16}
+    assert sum(tensor.numel() for tensor in tensors) == 62_819
+    assert document["update"] == document["settings"]["max_updates"]
+    assert "scenarios" not in document
+    anywhere = paper_scenario(sampling_hz=400.0, spatial_correlation=0.0)
+    assert chosen_weights("adaptive", anywhere) == weights
+    assert weights.explanation(anywhere) is None
+
+
 def test_those_that_remember_pass_the_filter_where_a_window_says_least() -> None:
     """F = 100 Hz, rho = 0.1: 27.4 movements on average with ``particle``, 24.0 with ``recurrent``; 150 chases."""
     scenario = paper_scenario(sampling_hz=100, spatial_correlation=0.1)
@@ -164,7 +179,7 @@ def test_the_controller_is_the_chosen_file_and_the_command_says_so(capsys: pytes
         greedy_choice(by_name._networks.policy_logits(window_dbm)),  # type: ignore[attr-defined]
         greedy_choice(by_path._networks.policy_logits(window_dbm)),  # type: ignore[attr-defined]
     )
-    words = "evaluate --sampling-hz 70 --spatial-correlation 0.6 --episodes 2 --processes 1 --json"
+    words = "evaluate --controller paper --sampling-hz 70 --spatial-correlation 0.6 --episodes 2 --processes 1 --json"
     main(words.split())
     output = capsys.readouterr()
     assert json.loads(output.out)["weights"] == chosen.name == "paper/F50-rho0.5"

@@ -18,7 +18,7 @@ WINDOWS = 5
 
 @pytest.fixture(scope="module")
 def network() -> WindowsNetwork:
-    networks, _ = load_weights(WEIGHTS_FOLDER / "adaptive" / "all-settings.safetensors")
+    networks, _ = load_weights(WEIGHTS_FOLDER / "adaptive" / "all-channels.safetensors")
     assert isinstance(networks, WindowsNetwork)
     return networks
 

@@ -10,7 +10,7 @@ from rich.table import Table
 from ..errors import InputError
 from ..files import require_writable_file
 from ..scenario import Scenario
-from .options import ActionChoice, ChosenControllerName, ScenarioOptions, chosen_controller
+from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions
 from .terminal import CONSOLE, explain_choice, print_json, progress_bar
 
 TOLD_EVERY_S = 1.0
@@ -21,7 +21,7 @@ TOLD_EVERY_S = 1.0
 class ChaseCommand(ScenarioOptions):
     """Run one chase and tell it movement by movement, or second by second; leave a log and a picture of it."""
 
-    controller: ChosenControllerName = None
+    controller: ControllerName = DEFAULT_CONTROLLER
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     seed: int = 0
@@ -51,9 +51,8 @@ class ChaseCommand(ScenarioOptions):
             require_animation_format(self.animation)
             require_writable_file(self.animation)
         scenario = self.scenario()
-        name = chosen_controller(self.controller, scenario)
-        controller = load_controller(name, scenario, self.action_choice)
-        explain_choice(name, scenario)
+        controller = load_controller(self.controller, scenario, self.action_choice)
+        explain_choice(self.controller, scenario)
         CONSOLE.print(f"{_opening(scenario)}\n", markup=False, soft_wrap=True)
         moments: list[Moment] = []
         told: dict[str, Any] | None = None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept
     from ..evaluation.comparison import Place, Result
 
-DEFAULT_CONTROLLERS = ("recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
+DEFAULT_CONTROLLERS = ("adaptive", "recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from rich.text import Text
 from ..files import require_writable_file
 from ..reports.intervals import shown_interval, shown_share
 from ..scenario import Scenario
-from .options import ActionChoice, ChosenControllerName, ClusterOptions, ScenarioOptions, chosen_controller
+from .options import DEFAULT_CONTROLLER, ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
 from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, explain_choice, print_json, refusals_held_back
 
 NOTHING_IS_KEPT = "nothing is kept, since those that end first are the short ones"
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """Run a controller through many chases and print movements, tracking time and their confidence intervals."""
 
-    controller: ChosenControllerName = None
+    controller: ControllerName = DEFAULT_CONTROLLER
     action_choice: ActionChoice | None = None
     """How a learned controller acts: sampled from its policies or greedy; default is what its weights file says."""
     episodes: int = 1000
@@ -46,15 +46,14 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     def run(self) -> None:
         """Evaluate, report and write."""
         scenario = self.scenario()
-        controller = chosen_controller(self.controller, scenario)
-        explain_choice(controller, scenario)
+        explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)
         with refusals_held_back() as hold_back:
             if self.cluster is None:
-                result = self._evaluated_here(controller, scenario)
+                result = self._evaluated_here(scenario)
             else:
-                result = self._evaluated_on_cluster(controller, scenario, hold_back)
+                result = self._evaluated_on_cluster(scenario, hold_back)
             try:
                 self._report(result.summary())
             finally:
@@ -67,13 +66,13 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
         else:
             CONSOLE.print(summary_table([summary]))
 
-    def _evaluated_here(self, controller: str, scenario: Scenario) -> "Evaluation":
+    def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
         from ..evaluation.table import evaluate
 
-        with chases_progress(controller, self.episodes, NOTHING_IS_KEPT) as finished:
+        with chases_progress(self.controller, self.episodes, NOTHING_IS_KEPT) as finished:
             return evaluate(
                 scenario,
-                controller,
+                self.controller,
                 self.episodes,
                 self.seed,
                 self.action_choice,
@@ -82,16 +81,16 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
                 lambda chases: finished(chases, 0, ""),
             )
 
-    def _evaluated_on_cluster(self, controller: str, scenario: Scenario, unkept: "Unkept") -> "Evaluation":
+    def _evaluated_on_cluster(self, scenario: Scenario, unkept: "Unkept") -> "Evaluation":
         from ..controllers.shipped import setting_name
         from ..evaluation.blocks import Job, evaluate_jobs, file_name
 
         setting = setting_name(scenario.sampling_hz, scenario.spatial_correlation)
-        name = f"{file_name(controller)}-{self.action_choice or 'filed'}-{setting}"
-        job = Job(name, controller, scenario, scenario, self.episodes, self.action_choice)
+        name = f"{file_name(self.controller)}-{self.action_choice or 'filed'}-{setting}"
+        job = Job(name, self.controller, scenario, scenario, self.episodes, self.action_choice)
         with (
             self.runner(self.batch_size) as runner,
-            chases_progress(controller, self.episodes, BLOCKS_ARE_KEPT) as finished,
+            chases_progress(self.controller, self.episodes, BLOCKS_ARE_KEPT) as finished,
         ):
             return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner, unkept)[0]
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from ..errors import InputError
 from ..files import require_writable_folder
-from .options import LIVE_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions
+from .options import DEFAULT_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions
 from .terminal import CONSOLE, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
     in real time. Standard input takes the words of swarmchase serve: override, hold, resume, reached, abort,
     quit."""
 
-    controller: ListeningControllerName = LIVE_CONTROLLER
+    controller: ListeningControllerName = DEFAULT_CONTROLLER
     seed: int = 0
     """Seed of the run the chase belongs to."""
     chase: int = 0

@@ -23,6 +23,7 @@ ActionChoice = Literal["sampled", "greedy"]
 """As in ``controllers``, which is slow to import: it needs torch."""
 
 CONTROLLERS = (
+    "adaptive",
     "recurrent",
     "robust",
     "particle",
@@ -36,12 +37,10 @@ CONTROLLERS = (
     "oracle",
     "oracle-intercept",
 )
-"""``controllers.controller_names()``, those for an unknown channel and those that listen best first."""
+"""``controllers.controller_names()``, the one to use first, then those that listen best."""
 
-LIVE_CONTROLLER = "robust"
-"""Of ``serve`` and ``live`` unless another is asked for: it survives a channel that is not as told."""
-FEWEST_MOVEMENTS = "recurrent"
-"""In the channel that it is told."""
+DEFAULT_CONTROLLER = "adaptive"
+"""Of every command unless another is asked for: it finds out what the channel and the receivers are like."""
 
 
 def _controller_help(names: Sequence[str]) -> str:
@@ -49,20 +48,10 @@ def _controller_help(names: Sequence[str]) -> str:
 
 
 ControllerName = Annotated[str, arg(help=_controller_help(CONTROLLERS))]
-ChosenControllerName = Annotated[
-    str | None, arg(help=_controller_help(CONTROLLERS) + " Default is paper, and in flight particle.")
-]
 ListeningControllerName = Annotated[
     str, arg(help=_controller_help([name for name in CONTROLLERS if not name.startswith("oracle")]))
 ]
 """Of a live chase, where nobody can tell the oracle where the target is."""
-
-
-def chosen_controller(given: str | None, scenario: Scenario) -> str:
-    """The controller that was asked for, or the one that chases in this scenario where none was."""
-    if given is not None:
-        return given
-    return "paper" if scenario.pace == "stop_and_listen" else "particle"
 
 
 if TYPE_CHECKING:

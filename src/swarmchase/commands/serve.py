@@ -10,15 +10,14 @@ from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
 from .options import (
-    FEWEST_MOVEMENTS,
-    LIVE_CONTROLLER,
+    DEFAULT_CONTROLLER,
     LinkOptions,
     ListeningControllerName,
     ScenarioOptions,
     ServiceOptions,
     fields_from,
 )
-from .terminal import CONSOLE, explain_choice, line_printer, print_json
+from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
@@ -34,7 +33,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
     (begin although the preflight has not passed), hold, resume, reached (you see the target), abort, quit. Ctrl-C
     aborts: trackers are told to hold."""
 
-    controller: ListeningControllerName = LIVE_CONTROLLER
+    controller: ListeningControllerName = DEFAULT_CONTROLLER
     listen: str = "127.0.0.1:14550"
     """HOST:PORT that trackers dial, UDP."""
     start: bool = False
@@ -109,11 +108,6 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     if name in ORACLES:
         raise InputError(f"the {name} knows where a simulated target is; real ones do not tell")
     explain_choice(name, scenario)
-    if name == LIVE_CONTROLLER:
-        CONSOLE.print(
-            f"{name} survives a channel that is not as told; in one that is, {FEWEST_MOVEMENTS} needs fewer movements.",
-            soft_wrap=True,
-        )
     controller = load_controller(name, scenario)
     place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
     rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)

@@ -9,8 +9,11 @@ from pathlib import Path
 from ..scenario import Scenario
 
 WEIGHTS_FOLDER = Path(__file__).parent.parent / "weights"
-"""A folder a family; a file's name is its setting: F10-rho0.9.safetensors, or all-settings.safetensors."""
+"""A folder a family; a file's name is its setting: F10-rho0.9.safetensors, all-settings.safetensors, or
+all-channels.safetensors."""
 ALL_SETTINGS = "all-settings"
+ALL_CHANNELS = "all-channels"
+"""Of a controller that is not told F and rho."""
 TRAINED_HZ, TRAINED_CORRELATION = (10.0, 100.0), (0.1, 0.9)
 """Between these the controllers for all settings were trained, which are told F and rho."""
 CORRELATION_STEP = 0.4
@@ -25,13 +28,13 @@ class ShippedWeights:
 
     family: str
     setting: tuple[float, float] | None
-    """F in hertz and rho that it was trained for; None for one that was trained for all settings."""
+    """F in hertz and rho that it was trained for; None for one that was trained for many."""
     path: Path
 
     @property
     def name(self) -> str:
         """``paper/F10-rho0.9``."""
-        return f"{self.family}/{ALL_SETTINGS if self.setting is None else setting_name(*self.setting)}"
+        return f"{self.family}/{self.path.stem}"
 
     def steps_from(self, scenario: Scenario) -> float:
         """How far its setting is from a scenario's, in steps of the paper's grid."""
@@ -43,6 +46,8 @@ class ShippedWeights:
 
     def explanation(self, scenario: Scenario) -> str | None:
         """Why this one, where the scenario's setting is not its own."""
+        if self.path.stem == ALL_CHANNELS:
+            return None
         asked = f"F = {scenario.sampling_hz:g} Hz, rho = {scenario.spatial_correlation:g}"
         if self.setting is None:
             if _lies_in(scenario.sampling_hz, TRAINED_HZ) and _lies_in(
@@ -77,13 +82,13 @@ def shipped_families() -> dict[str, list[ShippedWeights]]:
         if setting is not None:
             own = float(setting["sampling_hz"]), float(setting["spatial_correlation"])
             families.setdefault(family, []).append(ShippedWeights(family, own, path))
-        elif path.stem == ALL_SETTINGS:
+        elif path.stem in (ALL_SETTINGS, ALL_CHANNELS):
             families.setdefault(family, []).append(ShippedWeights(family, None, path))
     return families
 
 
 def chosen_weights(name: str, scenario: Scenario) -> ShippedWeights | None:
-    """The family's controller for all settings, or the one trained nearest to the scenario's F and rho.
+    """The family's controller for all settings or channels, or the one trained nearest to the scenario's F and rho.
 
     None where there is no such family.
 
