@@ -72,6 +72,7 @@ class Block:
             "seed": self.seed,
             "first_chase": self.first_chase,
             "episodes": self.episodes,
+            "columns": [field.name for field in dataclasses.fields(ChaseResult)],
         }
         return origin if self.job.action_choice is None else origin | {"action_choice": self.job.action_choice}
 
