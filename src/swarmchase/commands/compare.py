@@ -103,7 +103,9 @@ def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], te
 def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
     from ..reports.comparison import draw_comparison
 
-    def by_place(measure: "Callable[[ChaseResult], float | None]") -> dict[tuple[str, float, float, str], list[float]]:
+    def by_place(
+        measure: "Callable[[ChaseResult], float | int | None]",
+    ) -> dict[tuple[str, float, float, str], list[float | int]]:
         """Of those that have it."""
         values = {
             (row["controller"], row["sampling_hz"], row["spatial_correlation"], row["world"]): [
