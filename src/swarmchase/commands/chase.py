@@ -41,6 +41,7 @@ class ChaseCommand(ScenarioOptions):
         from ..evaluation.chase_log import Moment, chase_log, run_chase, save_chase_log
         from ..reports.animation import require_animation_format
         from ..reports.chase import draw_chase
+        from ..world.environment import require_world
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
@@ -53,6 +54,7 @@ class ChaseCommand(ScenarioOptions):
         scenario = self.scenario()
         name = chosen_controller(self.controller, scenario)
         controller = load_controller(name, scenario, self.action_choice)
+        require_world(scenario)
         explain_choice(name, scenario)
         CONSOLE.print(f"{_opening(scenario)}\n", markup=False, soft_wrap=True)
         moments: list[Moment] = []

@@ -24,6 +24,7 @@ from ..processes.children import begin_child, start_helper, starting_children
 from ..processes.stop_request import Interrupted
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
+from ..world.environment import require_world
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, chase_columns, run_chases
 from .measures import BELIEF_AFTER, FOLLOWED_S
 from .statistics import mean_interval, nearest_rank_percentile, percentile_interval, ratio_interval, share_interval
@@ -206,7 +207,8 @@ def evaluate(
     some end, and now and then while none does. What it raises ends the evaluation.
 
     Raises:
-        InputError: no episodes, no batch, an unknown controller or a broken weights file.
+        InputError: no episodes, no batch, an unknown controller, a broken weights file, or a world in which no chase
+            can be flown.
         WorkerDiedError: a process was killed, or failed with the error it printed.
         Interrupted: a process was told to stop by a signal.
     """
@@ -215,6 +217,7 @@ def evaluate(
     for name, value in (("seed", seed), ("first_chase", first_chase)):
         checked_number(name, value, AT_LEAST_ZERO)
     require_controller(controller, scenario)
+    require_world(world or scenario)
     work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)

@@ -15,6 +15,7 @@ from ..networks.forms import FORMS, continued_networks, new_networks
 from ..networks.weights import load_weights
 from ..processes.stop_request import StopRequest, stop_request
 from ..scenario import Scenario
+from ..world.environment import require_world
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, AuxiliaryEvaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
@@ -201,6 +202,7 @@ def open_run(
             ``resume`` is false, or holds no run and it is true; or another training is at work in it.
     """
     for scenario in scenarios:
+        require_world(scenario)
         require_fit(FORMS[settings.form], scenario, f"the form {settings.form}")
     start = None if resume else _start(settings)  # before the folder is made: its weights file may be missing
     if resume and not holds_run(folder):

@@ -183,6 +183,16 @@ class Environment:
         self._pace.require_allowed(action)
 
 
+def require_world(scenario: Scenario) -> None:
+    """Refuse a world in which no chase can be flown, before there is any work.
+
+    Raises:
+        InputError: what ``Environment`` refuses, or there is no place to start.
+    """
+    Environment(scenario)
+    draw_start_m(scenario, [(0, 0)])
+
+
 def _trackers_m(
     center_m: Float[Tensor, "chase place 3"], spacing_m: Float[Tensor, "chase place"]
 ) -> Float[Tensor, "chase place tracker 3"]:
