@@ -13,7 +13,6 @@ from swarmchase.controllers.belief import (
     Belief,
     Believing,
     belief_of_particles,
-    evenly_weighed,
 )
 from swarmchase.scenario import load_scenario, paper_scenario
 
@@ -73,12 +72,16 @@ def test_a_belief_in_one_place_is_a_millimetre_wide() -> None:
     assert belief.radius_m.item() < 0.003
 
 
-def test_weights_become_numbers_of_particles() -> None:
-    position_m = torch.arange(4.0).expand(2, 3, 4)
-    weight = torch.tensor([[0.5, 0.25, 0.25, 0.0], [0.0, 0.0, 0.0, 2.0]], dtype=torch.float64)
-    even_m = evenly_weighed(position_m, weight)
-    assert even_m[0].tolist() == [[0, 0, 1, 2]] * 3
-    assert even_m[1].tolist() == [[3, 3, 3, 3]] * 3
+def test_particles_count_as_much_as_they_weigh() -> None:
+    """Those that weigh nothing are as good as not there; one that weighs three counts as three."""
+    generator = torch.Generator().manual_seed(2)
+    position_m = spread("cigar", 4000, generator)
+    weight = torch.tensor([0.0, 1.0, 3.0, 2.0]).repeat(1, 1000).double()
+    weighed = belief_of_particles(position_m, weight / weight.sum())
+    repeated = belief_of_particles(position_m.repeat_interleave(weight[0].long(), dim=2))
+    assert torch.allclose(weighed.mean_m, repeated.mean_m, atol=1e-4)
+    assert torch.allclose(weighed.covariance_m2, repeated.covariance_m2, rtol=1e-3, atol=1e-3)
+    assert weighed.reach.item() == pytest.approx(repeated.reach.item(), rel=0.02)
 
 
 def test_who_has_a_belief_says_it() -> None:

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ..batch.array_types import Bool, Float, Tensor
 
@@ -58,33 +59,39 @@ class Believing(Protocol):
         """What it believes, from the memory that ``decide`` returned."""
 
 
-def belief_of_particles(position_m: Float[Tensor, "chase 3 particle"]) -> Belief:
-    """The belief of particles that all weigh the same."""
-    number = position_m.shape[2]
+def belief_of_particles(
+    position_m: Float[Tensor, "chase 3 particle"], weight: Float[Tensor, "chase particle"] | None = None
+) -> Belief:
+    """The belief of particles with these weights, which add up to 1; None where all weigh the same."""
     position_m = position_m.float()
-    mean_m = position_m.mean(dim=2)
-    apart_m = position_m - mean_m[..., None]
-    covariance_m2 = (apart_m @ apart_m.mT).double() / number
+    if weight is None:
+        mean_m = position_m.mean(dim=2)
+        apart_m = position_m - mean_m[..., None]
+        covariance_m2 = (apart_m @ apart_m.mT).double() / position_m.shape[2]
+    else:
+        mean_m = (position_m @ weight.float()[..., None])[..., 0]
+        apart_m = position_m - mean_m[..., None]
+        covariance_m2 = ((apart_m * weight.float()[:, None]) @ apart_m.mT).double()
     covariance_m2 = covariance_m2 + LEAST_VARIANCE_M2 * torch.eye(3, dtype=torch.float64, device=position_m.device)
-    squared = _squared_distance(covariance_m2, apart_m)
-    # numpy's partition is eight times as fast as torch's kthvalue.
-    rank = math.ceil(REGION_SHARE * number - 1e-9) - 1
-    reach = torch.from_numpy(np.partition(squared.cpu().numpy(), rank, axis=1)[:, rank])
-    return Belief(mean_m.double(), covariance_m2, reach.to(covariance_m2))
+    squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
+    reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
+    return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2))
 
 
-def evenly_weighed(
-    position_m: Float[Tensor, "chase 3 particle"], weight: Float[Tensor, "chase particle"]
-) -> Float[Tensor, "chase 3 particle"]:
-    """As many particles that all weigh the same, each as often as its weight says."""
-    num_chases, _, number = position_m.shape
-    cumulative = weight.cumsum(dim=1)
-    # What systematic resampling would choose; searchsorted takes five times as long.
-    edge = (cumulative / cumulative[:, -1:] * number).round_().long()
-    times = edge.diff(dim=1, prepend=torch.zeros_like(edge[:, :1]))
-    every = torch.arange(number, device=weight.device).repeat(num_chases)
-    chosen = every.repeat_interleave(times.flatten()).view(num_chases, 1, number)
-    return position_m.gather(2, chosen.expand(-1, 3, -1))
+def _quantile(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What ``REGION_SHARE`` of each row do not exceed; eight times as fast as torch's ``kthvalue``."""
+    rank = math.ceil(REGION_SHARE * values.shape[1] - 1e-9) - 1
+    quantile: NDArray[np.float32] = np.partition(values, rank, axis=1)[:, rank]
+    return quantile
+
+
+def _each_as_often(values: NDArray[np.float32], weight: NDArray[np.float64]) -> NDArray[np.float32]:
+    """As many values, each as often as its weight says: what systematic resampling would choose."""
+    number = values.shape[1]
+    cumulative = weight.cumsum(axis=1)
+    edge = np.rint(cumulative * (number / cumulative[:, -1:])).astype(np.int64)
+    times = np.diff(edge, axis=1, prepend=0)
+    return np.repeat(values.ravel(), times.ravel()).reshape(values.shape)
 
 
 def _squared_distance(
