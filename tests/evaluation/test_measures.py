@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from swarmchase.controllers import load_controller
 from swarmchase.controllers.belief import GAUSSIAN_REACH, Belief
 from swarmchase.controllers.oracle import OracleController
 from swarmchase.evaluation.chases import ChaseResult, run_chases
@@ -57,6 +58,22 @@ def test_a_chase_that_goes_on_has_the_same_row_and_follows() -> None:
         # It comes in and, at full speed, shoots past by up to 10 m: 8 m at 10 m/s before the capture and as many after.
         assert other.following_s is not None
         assert 1.6 <= other.following_s < 3.5 + 2.5
+
+
+@pytest.mark.parametrize("pace", ["flight", "paper"])
+def test_a_belief_is_the_same_in_any_batch(pace: str) -> None:
+    """To the last bit, as all that is in a table."""
+    near = {"start_distance_m": 15.0, "max_movements": 6, "follow_s": 1.0}
+    scenario = dataclasses.replace(load_scenario(pace), **near)
+    in_batches = [
+        sorted(
+            run_chases(scenario, load_controller("particle", scenario), 5, range(7), batch_size),
+            key=lambda row: row.chase,
+        )
+        for batch_size in (1, 3, 7)
+    ]
+    assert in_batches[0] == in_batches[1] == in_batches[2]
+    assert all(row.belief_error_m is not None for row in in_batches[0])
 
 
 def test_who_is_cut_off_follows_nobody() -> None:

@@ -64,14 +64,14 @@ def belief_of_particles(
 ) -> Belief:
     """The belief of particles with these weights, which add up to 1; None where all weigh the same."""
     position_m = position_m.float()
-    if weight is None:
-        mean_m = position_m.mean(dim=2)
-        apart_m = position_m - mean_m[..., None]
-        covariance_m2 = (apart_m @ apart_m.mT).double() / position_m.shape[2]
-    else:
-        mean_m = (position_m @ weight.float()[..., None])[..., 0]
-        apart_m = position_m - mean_m[..., None]
-        covariance_m2 = ((apart_m * weight.float()[:, None]) @ apart_m.mT).double()
+    share = torch.full_like(position_m[:, 0], 1 / position_m.shape[2]) if weight is None else weight.float()
+    # Sums of products throughout: a product of matrices rounds otherwise in another batch.
+    mean_m = (position_m * share[:, None]).sum(dim=2)
+    apart_m = position_m - mean_m[..., None]
+    weighed_m = apart_m * share[:, None]
+    rows_m2 = [(weighed_m * apart_m[:, axis, None]).sum(dim=2) for axis in range(3)]
+    covariance_m2 = torch.stack(rows_m2, dim=1).double()
+    covariance_m2 = (covariance_m2 + covariance_m2.mT) / 2
     covariance_m2 = covariance_m2 + LEAST_VARIANCE_M2 * torch.eye(3, dtype=torch.float64, device=position_m.device)
     squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
     reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
@@ -99,5 +99,10 @@ def _squared_distance(
 ) -> Float[Tensor, "chase point"]:
     """Mahalanobis' of places so far apart from the mean, in their own precision."""
     whitening = torch.linalg.inv(torch.linalg.cholesky(covariance_m2)).to(apart_m)
-    squared: Tensor = (whitening @ apart_m).square_().sum(dim=1)
+    squared: Tensor = torch.zeros_like(apart_m[:, 0])
+    for row in range(3):
+        whitened = apart_m[:, 0] * whitening[:, row, 0, None]
+        for column in range(1, row + 1):
+            whitened += apart_m[:, column] * whitening[:, row, column, None]
+        squared += whitened.square_()
     return squared
