@@ -43,6 +43,7 @@ COMMANDS = {
     "train batched": "train.TrainBatchedCommand",
     "benchmark channel": "benchmark.BenchmarkChannelCommand",
     "benchmark environment": "benchmark.BenchmarkEnvironmentCommand",
+    "benchmark flight": "benchmark.BenchmarkFlightCommand",
     "benchmark training": "benchmark.BenchmarkTrainingCommand",
     "benchmark batched": "benchmark.BenchmarkBatchedCommand",
     "benchmark cluster": "benchmark.BenchmarkClusterCommand",
