@@ -1,5 +1,6 @@
 """The Gymnasium environments: the interface's own checkers, seeds, bounds, and one lane against many."""
 
+import dataclasses
 import subprocess
 import sys
 import warnings
@@ -16,7 +17,7 @@ from swarmchase.channel.fading import DEEPEST_FADE_DB
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
 from swarmchase.gym import ENVIRONMENT_ID, ChaseEnv, ChaseVectorEnv, rssi_bounds_dbm
-from swarmchase.scenario import paper_scenario
+from swarmchase.scenario import load_scenario, paper_scenario
 from swarmchase.world.environment import Environment
 from swarmchase.world.radio import rssi_dbm
 
@@ -55,6 +56,20 @@ def test_passes_gymnasium_checker_without_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(gymnasium.make(ENVIRONMENT_ID, **near(max_movements=500)).unwrapped)
+
+
+def test_a_chase_in_flight_passes_gymnasiums_checker():
+    """Ten samples a decision; the target flees."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        changes = {"scenario": load_scenario("flight"), "behaviour": "flee", **near(farthest_start_m=9.0)}
+        check_env(gymnasium.make(ENVIRONMENT_ID, **changes).unwrapped)
+        envs = ChaseVectorEnv(3, **changes)
+    windows_dbm, _ = envs.reset(seed=2)
+    assert windows_dbm.shape == (3, 10, 6)
+    for _ in range(8):  # some end by then, and others begin in their place
+        windows_dbm, _, _, _, _ = envs.step(np.full((3, 4), 4))
+        assert envs.observation_space.contains(windows_dbm)
 
 
 # An RSSI window is [sample, tracker] and is not flattened for anybody's taste: Stable-Baselines3 flattens it itself.
@@ -167,6 +182,15 @@ def test_bounds_hold_the_weakest_and_the_strongest_a_chase_can_hear():
     weakest_dbm = rssi_dbm(scenario, torch.full((1, 1, 6), farthest_m, dtype=torch.float64), silence)
     assert float(weakest_dbm.min()) == pytest.approx(low_dbm, abs=1e-3)
     assert low_dbm - DEEPEST_FADE_DB < float(rssi_dbm(scenario, torch.full((1, 1, 6), 1000.0), silence + 1).min())
+
+
+def test_a_target_that_flies_may_be_farther_when_the_chase_ends():
+    """60 to 300 m at the start, then apart at 2.8 sqrt(3) m a decision and 5 m/s; 120 s, with the first interval."""
+    scenario = load_scenario("flight")
+    flees = dataclasses.replace(scenario, behaviour="flee")
+    for world, flown_m in ((scenario, 0), (flees, 5 * 120)):
+        farthest_m = 300 + 239 * 2.8 * 3**0.5 + 5 + flown_m
+        assert rssi_bounds_dbm(world)[0] == pytest.approx(23 - 30 - 26 * np.log10(farthest_m) - 200, abs=1e-4)
 
 
 def test_what_exceeds_the_bounds_is_clipped(monkeypatch):

@@ -44,6 +44,7 @@ COMMANDS = {
     "train windows": "train.TrainWindowsCommand",
     "benchmark channel": "benchmark.BenchmarkChannelCommand",
     "benchmark environment": "benchmark.BenchmarkEnvironmentCommand",
+    "benchmark flight": "benchmark.BenchmarkFlightCommand",
     "benchmark training": "benchmark.BenchmarkTrainingCommand",
     "benchmark batched": "benchmark.BenchmarkBatchedCommand",
     "benchmark cluster": "benchmark.BenchmarkClusterCommand",

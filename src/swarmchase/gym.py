@@ -44,7 +44,14 @@ def rssi_bounds_dbm(scenario: Scenario) -> tuple[float, float]:
     """Lowest and highest RSSI: the deepest fade at the farthest a chase can get, a peak at the reference distance."""
     farthest_step_m = math.sqrt(3) * max(abs(choice_m) for choice_m in scenario.displacement_choices_m)
     widest_spacing_m = max(scenario.initial_spacing_m, *scenario.spacing_choices_m)
-    farthest_m = scenario.start_distance_m + scenario.max_movements * farthest_step_m + widest_spacing_m
+    movement_s = scenario.decision_s
+    if scenario.pace == "stop_and_listen":
+        movement_s = scenario.window_s + farthest_step_m / scenario.tracker_speed_mps
+    # Each in the opposite direction, as long as a chase may last, and the window before it.
+    farthest_m = scenario.farthest_start_m or scenario.start_distance_m
+    farthest_m += scenario.max_movements * farthest_step_m + widest_spacing_m
+    if scenario.behaviour != "hover":
+        farthest_m += (scenario.max_movements + 1) * movement_s * scenario.target_speed_mps
     weakest_dbm = float(unfaded_dbm(scenario, torch.tensor(farthest_m)))
     strongest_dbm = reference_dbm(scenario)
     return weakest_dbm + DEEPEST_FADE_DB, strongest_dbm + FADING_PEAK_HEADROOM_DB

@@ -142,6 +142,9 @@ class Scenario:
     alert_distance_m: float | None = _departure(
         None, POSITIVE, "choice", "From here on the target notices the swarm; None for always."
     )
+    follow_s: float = _departure(
+        0.0, Range(0.0, 3600.0), "choice", "So long a chase goes on after the target was reached."
+    )
     farthest_start_m: float | None = _departure(
         None, POSITIVE, "choice", "The start is drawn between start_distance_m and this; None for start_distance_m."
     )

@@ -236,6 +236,7 @@ def test_a_bar_appears_with_the_first_news_of_work(capsys: pytest.CaptureFixture
 # --- bad input -------------------------------------------------------------------------------------------------------
 
 EVALUATE = "evaluate --controller random --episodes 2"
+FLIGHT = "--scenario flight --behaviour"
 
 
 @pytest.mark.parametrize(
@@ -278,6 +279,25 @@ EVALUATE = "evaluate --controller random --episodes 2"
         (f"{EVALUATE} --scenario file.txt", "cannot read scenario file.txt"),
         (f"{EVALUATE} --scenario folder", "cannot read scenario folder"),
         (f"{EVALUATE} --scenario other.toml", "scenario has no field 'speed'"),
+        # Worlds in which no chase can be flown.
+        (f"{EVALUATE} --scenario fligth", "no scenario 'fligth'; shipped are paper, flight, field, rough"),
+        (f"{EVALUATE} {FLIGHT} fle", "no behaviour 'fle' (did you mean flee?); there are hover, straight"),
+        (f"chase {FLIGHT} nobody", "no behaviour 'nobody'; there are hover"),
+        (f"compare --controllers oracle {FLIGHT} nobody", "no behaviour 'nobody'"),
+        (f"train batched --preset a2c --folder run {FLIGHT} nobody", "no behaviour 'nobody'"),
+        (f"train a3c --folder run {FLIGHT} nobody", "no behaviour 'nobody'"),
+        (f"chase {FLIGHT} flee --target-speed-mps 200", "target_speed_mps = 200.0 is refused: allowed is between 0"),
+        (f"chase {FLIGHT} flee --target-speed-mps 0", "behaviour = 'flee' needs a target_speed_mps that is greater"),
+        (f"chase {FLIGHT} flee --decision-s 0.04", "decision_s = 0.04 is refused: allowed is at least 1 / sampling_hz"),
+        (f"chase {FLIGHT} back.csv", "track back.csv goes back in time: row 2 is of 0.5 s, after 1 s"),
+        (f"chase {FLIGHT} gone.csv", "cannot read track gone.csv: No such file or directory"),
+        (
+            f"chase {FLIGHT} flee --tracker-acceleration-mps2 0",
+            "tracker_acceleration_mps2 = 0.0 is refused: allowed is",
+        ),
+        (f"chase {FLIGHT} flee --target-acceleration-mps2 0", "target_acceleration_mps2 = 0.0 is refused: allowed is"),
+        (f"chase {FLIGHT} flee --follow-s -1", "follow_s = -1.0 is refused: allowed is between 0 and 3600"),
+        (f"chase {FLIGHT} hover --lowest-altitude-m 120", "lowest_altitude_m = 120 is refused: allowed is less than"),
         # tyro's own
         ("", "Expected one of {chase, evaluate"),
         ("fly", "no command 'fly'; there are chase, evaluate"),
@@ -298,6 +318,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     (folder / "folder.safetensors").mkdir()
     (folder / "folder.gif").mkdir()
     (folder / "other.toml").write_text("speed = 3\n")
+    (folder / "back.csv").write_text("time_s,x_m,y_m,z_m\n1,0,0,0\n0.5,1,0,0\n")
     save_weights(folder / "whole.safetensors", SwarmNetworks(torch.Generator().manual_seed(1)), {})
     (folder / "cut.safetensors").write_bytes((folder / "whole.safetensors").read_bytes()[:100_000])
     before = sorted(folder.rglob("*"))

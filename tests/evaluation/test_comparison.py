@@ -37,7 +37,7 @@ from swarmchase.evaluation.comparison import (
 from swarmchase.evaluation.paper_results import SAMPLING_HZ, SPATIAL_CORRELATION
 from swarmchase.evaluation.statistics import nearest_rank_percentile, share_interval
 from swarmchase.evaluation.table import Evaluation, evaluate
-from swarmchase.reports.comparison import distribution_figure, percentile_figure, world_figure
+from swarmchase.reports.comparison import belief_figure, distribution_figure, percentile_figure, world_figure
 from swarmchase.reports.comparison_tables import comparison_tables
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.departures import DEPARTURES, departed
@@ -214,7 +214,7 @@ def test_the_tables_by_hand() -> None:
 def test_where_the_clock_measures_the_seconds_come_first(tmp_path: Path) -> None:
     """The real command: ten flights of two who know where the target is, and one who does not."""
     words = "compare --controllers oracle-intercept oracle random --scenario flight --behaviour waypoints --json"
-    told = "--target-speed-mps 5 --max-movements 119 --episodes 10 --processes 1 --folder"
+    told = "--target-speed-mps 5 --max-movements 119 --follow-s 2 --episodes 10 --processes 1 --folder"
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         main([*words.split(), *told.split(), str(tmp_path)])
@@ -225,8 +225,46 @@ def test_where_the_clock_measures_the_seconds_come_first(tmp_path: Path) -> None
     tables = comparison_tables([intercept, pursuit, blind])
     assert next(iter(tables)) == "seconds until the capture, mean"
     assert tables["captured within 60 s"].splitlines()[2].endswith("| 0.0 % [0.0, 30.8] |")
-    assert sorted(path.name for path in tmp_path.glob("*.p*")) == ["capture.pdf", "capture.png", "comparison.parquet"]
+    assert sorted(path.name for path in tmp_path.glob("*.p*")) == [
+        "capture.pdf", "capture.png", "comparison.parquet", "following.pdf", "following.png",
+    ]  # fmt: skip
     assert [chase.capture_s for chase in read_results(tmp_path / TABLE_FILE)[2].evaluation.chases] == [60] * 10
+    # Who flies past at 10 m/s is there for 1.6 s at least.
+    assert pursuit["following_s_mean"] > 1.6 > blind["following_s_mean"] == blind["followed_30_s"] == 0
+    assert tables["within 10 m for 30 s"].splitlines()[2].endswith("| 0.0 % [0.0, 30.8] |")
+
+
+def test_a_belief_stands_in_table_document_and_figure_of_those_that_have_one(tmp_path: Path) -> None:
+    """Half of the decisions right; a belief 4 m wide and 3 m off, 5 m after ten movements."""
+    told = paper_scenario()
+    place = Place(told, AS_TOLD, told)
+    measures = {"belief_decisions": 20, "belief_held": 10, "belief_radius_m": 4.0, "belief_error_m": 3.0}
+    believing = [
+        dataclasses.replace(chase, **measures, belief_error_10_m=5.0)
+        for chase in result("particle", [20, 20]).evaluation.chases
+    ]
+    results = [
+        Result(place, Evaluation(told, "particle", None, 7, believing, told)),
+        Result(place, result("oracle", [18, 19]).evaluation),
+    ]
+    save_results(tmp_path, results)
+    back = read_results(tmp_path / TABLE_FILE)
+    rows = summaries(back)
+    assert back[0].evaluation.chases[1].belief_error_10_m == 5.0
+    assert back[1].evaluation.chases[1].belief_decisions is None
+    assert "belief_coverage_95" not in rows[1]
+    assert rows[0]["belief_coverage_95_ci95"] == [0.5, 0.5]
+    tables = {name: table.splitlines()[0::2] for name, table in comparison_tables(rows).items() if "belief" in name}
+    head = "| rho | F (Hz) | `particle` |"
+    assert tables == {
+        "belief: target in its 95 % region": [head, "| 0.9 | 10 | 50.0 % [50.0, 50.0] |"],
+        "belief: radius of the region, median in m": [head, "| 0.9 | 10 | 4.0 |"],
+        "belief: error, median in m": [head, "| 0.9 | 10 | 3.0 |"],
+        "belief: median error after 10, 20, 40, 80 movements": [head, "| 0.9 | 10 | 10: 5.0 m |"],
+    }
+    figure = belief_figure({("particle", 10.0, 0.9, AS_TOLD): [3.0, 5.0]})
+    (line,) = [line for line in figure.axes[0].lines if line.get_label() == "particle"]
+    assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.5], [5.0, 1.0]]
 
 
 def test_worlds_stand_in_the_table_where_there_are_several() -> None:

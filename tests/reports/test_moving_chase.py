@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import itertools
 import json
 import os
 import shutil
@@ -36,6 +37,8 @@ SITUATIONS = {
     # Some trackers hear nothing at all, and every other sample is lost.
     "gaps": (dataclasses.replace(FLIGHT, silent_trackers=3, missing_sample_share=0.5, max_movements=9), "random"),
     "stop and listen": (paper_scenario(max_movements=4, behaviour="straight", target_speed_mps=3.0), "oracle"),
+    # A belief, and after the capture 2 s more.
+    "belief": (dataclasses.replace(FLIGHT, follow_s=2.0), "particle"),
     # Straight down on a target that stands below: neither path has a length from above.
     "one place": (dataclasses.replace(FLIGHT, behaviour="hover", target_speed_mps=0.0, max_movements=3), "oracle"),
 }
@@ -109,7 +112,11 @@ def test_the_picture_is_a_column_wide_and_nothing_lies_outside_its_panel(
     assert image.shape[1] == COLUMN_WIDTH_INCHES * 200
     assert (image[..., :3] != 1).any(axis=-1).mean() > 0.02
     (figure,) = figures
-    assert [axes.get_ylabel() for axes in figure.axes] == ["north (m)", "level (dBm)", "height (m)", "distance (m)"]
+    labels = ["north (m)", "level (dBm)", "height (m)", "distance (m)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        *labels,
+        *(["belief (m)"] if log["controller"] == "particle" else []),
+    ]
     require_tidy(figure)
 
 
@@ -135,6 +142,26 @@ def test_the_picture_says_what_the_log_says(captured: dict[str, Any], tmp_path: 
     looks = {(line.get_marker(), line.get_markerfacecolor() == "white") for line in means.values()}
     assert len(looks) == 6
     assert len({line.get_markevery() for line in means.values()}) == 6
+
+
+def test_the_picture_shows_the_belief_and_a_chase_that_goes_on(tmp_path: Path, figures: list[Figure]) -> None:
+    log = log_of(*SITUATIONS["belief"], tmp_path / "chase.json")
+    moments = log["moments"]
+    assert moments[-1]["time_s"] >= log["capture_s"] + 2
+    draw_chase(log, tmp_path / "chase.png")
+    *_, distance, belief = figures[0].axes
+    (star,) = [line for line in distance.lines if line.get_marker() == "*"]
+    assert np.asarray(star.get_xydata()).tolist() == [[log["capture_s"], 2.0]]
+    way = np.asarray(max(distance.lines, key=lambda line: len(np.asarray(line.get_xdata()))).get_xydata())
+    assert way[-1].tolist() == pytest.approx([moments[-1]["time_s"], moments[-1]["distance_m"]])
+    assert [log["capture_s"], 2.0] in way.tolist()
+    radius, error, missed = (np.asarray(line.get_xydata()) for line in belief.lines)
+    assert moments[0]["belief"] is None  # nothing was decided yet
+    for number, (before, after) in enumerate(itertools.pairwise(moments)):
+        apart_m = np.linalg.norm(np.array(after["belief"]["mean_m"]) - before["target_position_m"])
+        assert error[number].tolist() == pytest.approx([before["time_s"], apart_m])
+        assert radius[number].tolist() == [before["time_s"], after["belief"]["radius_m"]]
+    assert len(missed) == sum(not moment["belief"]["is_held"] for moment in moments[1:])
 
 
 def test_a_metre_is_as_long_to_the_north_as_to_the_east_and_the_scale_is_as_long_as_it_says(

@@ -18,7 +18,7 @@ from swarmchase.formation import action_from_choice
 from swarmchase.networks.actor_critic import SwarmNetworks, SymmetricNetworks, with_policy_scale
 from swarmchase.networks.forms import continued_networks, deployed, new_networks
 from swarmchase.networks.weights import load_weights, save_weights
-from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 from swarmchase.training.a3c import train_a3c
 from swarmchase.training.agent import NEAREST_START, LocalAgent
 from swarmchase.training.batched import train_batched
@@ -326,6 +326,15 @@ def test_every_objective_learns(tmp_path: Path, name: str, rollouts: int, learni
     assert learned["movements_mean"] < 0.7 * first["movements_mean"]
 
 
+def test_the_papers_networks_are_trained_in_flight(tmp_path: Path) -> None:
+    """An update, and an evaluation that counts what was not reached in four decisions."""
+    settings = preset("a2c", max_updates=1, num_agents=2, evaluation_interval=1, evaluation_chases=2)
+    flight = dataclasses.replace(load_scenario("flight"), behaviour="jink", max_movements=4)
+    train_batched([flight], settings, tmp_path)
+    (evaluation,) = read_log(tmp_path, "evaluation")
+    assert (evaluation["success_rate"], evaluation["movements_mean"]) == (0, 5)
+
+
 @pytest.mark.parametrize(
     ("arguments", "refusal"),
     [
@@ -333,6 +342,10 @@ def test_every_objective_learns(tmp_path: Path, name: str, rollouts: int, learni
         ({"num_threads": 0}, "threads = 0"),
         ({"device": "cuda"}, "no GPU"),
         ({"device": "gpu"}, "device = 'gpu' is refused: allowed is cpu"),
+        (
+            {"scenarios": [paper_scenario(), load_scenario("flight")], "settings": preset("recurrent")},
+            "the form fading needs windows of 50 samples; the scenario has 10",
+        ),
     ],
 )
 def test_what_cannot_be_trained_is_refused(tmp_path: Path, arguments: dict[str, Any], refusal: str) -> None:

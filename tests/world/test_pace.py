@@ -84,6 +84,26 @@ def test_in_flight_the_target_is_reached_anywhere_on_the_way(
     assert outcome.reached.tolist() == [math.isfinite(reached_s)]
 
 
+def test_a_chase_that_goes_on_ends_so_long_after_the_capture_and_is_not_cut_off() -> None:
+    """Reached .3 s into the first movement, the only one that there may be: ends with the decision 1 s after that."""
+    environment = Environment(replace(FLIGHT, follow_s=1.0, max_movements=1))
+    state = situation(environment, (5, 0, 0), center_velocity_mps=vector((10, 0, 0)))
+    ended = []
+    while not (ended and ended[-1]):
+        state, outcome = environment.step(state, action((5, 0, 0)))
+        ended.append(outcome.reached.item())
+        assert not outcome.truncated.item()
+        assert state.reached_s.tolist() == pytest.approx([0.5 + 0.3])
+        # The movement's ten flight steps, each with the distance at its beginning and its end.
+        assert outcome.moment_s[0].tolist() == pytest.approx(
+            [state.time_s.item() - 0.05 * k for k in range(10, -1, -1)]
+        )
+        past_m = [abs(10 * (moment_s - 0.5) - 5) for moment_s in outcome.moment_s[0].tolist()]
+        assert outcome.distance_m[0].tolist() == pytest.approx(past_m)
+    assert ended == [False, False, True]
+    assert state.time_s.item() == 2.0
+
+
 def test_who_stops_to_listen_takes_the_time_to_fly_and_to_hear_and_the_target_flies_meanwhile() -> None:
     """A target that flees at 1 m/s from a swarm behind it: .8 s of travel and 5 s of window, less what it needs to
     speed up (v^2 / 2 a = .125 m at 4 m/s2) in the window before.

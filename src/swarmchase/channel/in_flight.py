@@ -65,7 +65,7 @@ class InFlight:
         self._scenario = scenario
         self._device = torch.device(device)
         self._los_amplitude, self._scattered_amplitude = amplitudes(scenario)
-        self._table = _table().to(device)
+        self._table = cubic_table().to(device)
 
     def begin(self, keys: list[ChaseKey], purpose: Purpose = "fading") -> InFlightState:
         """The processes of these chases, and their line-of-sight phases, for the whole chase.
@@ -152,7 +152,7 @@ class InFlight:
 
 
 @functools.cache
-def _table() -> Tensor:
+def cubic_table() -> Tensor:
     """The coefficients of a cubic in each cell, complex64 [coefficient, cell].
 
     Each frequency of the period has the power that Clarke's spectrum has around it, 1 / (pi sqrt(1 - f^2)), and a phase

@@ -48,6 +48,15 @@ class BenchmarkEnvironmentCommand(_BenchmarkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchmarkFlightCommand(_BenchmarkCommand):
+    """Seconds of chases in flight on one core, beside the same world in numpy, and flights of particle, in one run."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report("flight")
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchmarkBatchedCommand(_BenchmarkCommand):
     """Environment steps a second of the batched trainer, beside our A3C and Stable-Baselines3's A2C in the same run."""
 

@@ -41,6 +41,7 @@ class ChaseCommand(ScenarioOptions):
         from ..evaluation.chase_log import Moment, chase_log, run_chase, save_chase_log
         from ..reports.animation import require_animation_format
         from ..reports.chase import draw_chase
+        from ..world.environment import require_world
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
@@ -52,6 +53,7 @@ class ChaseCommand(ScenarioOptions):
             require_writable_file(self.animation)
         scenario = self.scenario()
         controller = load_controller(self.controller, scenario, self.action_choice)
+        require_world(scenario)
         explain_choice(self.controller, scenario)
         CONSOLE.print(f"{_opening(scenario)}\n", markup=False, soft_wrap=True)
         moments: list[Moment] = []
@@ -112,7 +114,7 @@ def _timed_line(moment: dict[str, Any], before: dict[str, Any] | None) -> str:
         closed_m, seconds = before["distance_m"] - moment["distance_m"], moment["time_s"] - before["time_s"]
         closing = f"closing {closed_m / seconds:+.1f} m/s"
     # It may have been reached before this moment, and be farther away by now.
-    ending = f"  reached at {moment['reached_s']:.1f} s" if moment["reached"] else ""
+    ending = f"  reached at {moment['reached_s']:.1f} s" if _is_capture(moment, before) else ""
     return (
         f"{moment['time_s']:6.1f} s  target {moment['distance_m']:5.1f} m away  {closing:<17}  "
         f"centre {_center(moment)} m  spacing {moment['spacing_m']:g} m  strongest {_strongest_dbm(moment):6.1f} dBm"
@@ -122,9 +124,14 @@ def _timed_line(moment: dict[str, Any], before: dict[str, Any] | None) -> str:
 
 def _is_told(moment: dict[str, Any], before: dict[str, Any] | None) -> bool:
     """The first, the last, and between them at most one every ``TOLD_EVERY_S``."""
-    if before is None or moment["reached"] or moment["truncated"]:
+    if before is None or moment["reached"] or moment["truncated"] or _is_capture(moment, before):
         return True
     return bool(moment["time_s"] - before["time_s"] >= TOLD_EVERY_S - 1e-9)
+
+
+def _is_capture(moment: dict[str, Any], before: dict[str, Any] | None) -> bool:
+    """Whether the target was first reached since the moment that was told before."""
+    return moment["reached_s"] is not None and (before is None or before["reached_s"] is None)
 
 
 def _center(moment: dict[str, Any]) -> str:

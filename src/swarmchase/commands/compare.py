@@ -1,6 +1,6 @@
 """``swarmchase compare``: controllers beside one another on the same chases."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, ref
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept
+    from ..evaluation.chases import ChaseResult
     from ..evaluation.comparison import Place, Result
 
 DEFAULT_CONTROLLERS = ("adaptive", "recurrent", "robust", "particle", "multilateration", "gradient", "paper", "oracle")
@@ -102,16 +103,25 @@ def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], te
 def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
     from ..reports.comparison import draw_comparison
 
-    movements = {
-        (
-            row["controller"],
-            row["sampling_hz"],
-            row["spatial_correlation"],
-            row["world"],
-        ): [chase.movements if chase.capture_s is None else chase.capture_s for chase in result.evaluation.chases]
-        for result, row in zip(results, rows, strict=True)
-    }
-    return draw_comparison(folder, movements, rows)
+    def by_place(
+        measure: "Callable[[ChaseResult], float | int | None]",
+    ) -> dict[tuple[str, float, float, str], list[float | int]]:
+        """Of those that have it."""
+        values = {
+            (row["controller"], row["sampling_hz"], row["spatial_correlation"], row["world"]): [
+                value for chase in result.evaluation.chases if (value := measure(chase)) is not None
+            ]
+            for result, row in zip(results, rows, strict=True)
+        }
+        return {place: of_place for place, of_place in values.items() if of_place}
+
+    return draw_comparison(
+        folder,
+        by_place(lambda chase: chase.movements if chase.capture_s is None else chase.capture_s),
+        rows,
+        by_place(lambda chase: chase.following_s),
+        by_place(lambda chase: chase.belief_error_m),
+    )
 
 
 def _report(rows: list[dict[str, Any]]) -> str:

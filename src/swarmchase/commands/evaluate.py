@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
-from ..reports.intervals import shown_interval, shown_share
+from ..reports.intervals import shown_errors, shown_interval, shown_share
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ClusterOptions, ControllerName, ScenarioOptions
 from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, explain_choice, print_json, refusals_held_back
@@ -105,6 +105,10 @@ def summary_table(summaries: list[dict[str, Any]]) -> Table:
         choice = "" if row["action_choice"] is None else f" ({row['action_choice']})"
         table.add_column(Text(row["controller"] + choice), justify="right")
     lines = _SHOWN | (_SHOWN_BY_THE_CLOCK if by_the_clock else _SHOWN_BY_MOVEMENTS)
+    if "following_s_mean" in summaries[0]:
+        lines |= _SHOWN_OF_FOLLOWING
+    if "belief_coverage_95" in summaries[0]:
+        lines |= _SHOWN_OF_BELIEF
     for name, shown in lines.items():
         table.add_row(name, *(Text(shown(row)) for row in summaries))
     return table
@@ -137,6 +141,22 @@ _SHOWN_BY_THE_CLOCK: dict[str, Callable[[dict[str, Any]], str]] = {
     ),
     "least distance, mean": lambda row: f"{row['least_distance_m_mean']:.1f} m",
     "way of the centre, mean": lambda row: f"{row['path_length_m_mean']:.0f} m",
+}
+
+
+_SHOWN_OF_FOLLOWING: dict[str, Callable[[dict[str, Any]], str]] = {
+    "longest within 10 m, mean": lambda row: (
+        f"{row['following_s_mean']:.1f} s" + shown_interval(row["following_s_mean_ci95"], 1)
+    ),
+    "within 10 m for 30 s": lambda row: shown_share(row["followed_30_s"], row["followed_30_s_ci95"]),
+}
+_SHOWN_OF_BELIEF: dict[str, Callable[[dict[str, Any]], str]] = {
+    "belief: target in its 95 % region": lambda row: shown_share(
+        row["belief_coverage_95"], row["belief_coverage_95_ci95"]
+    ),
+    "belief: radius of the region, median": lambda row: f"{row['belief_radius_m_p50']:.1f} m",
+    "belief: error, median": lambda row: f"{row['belief_error_m_p50']:.1f} m",
+    "belief: error after": lambda row: shown_errors(row["belief_error_m_p50_after"], "capture_s_mean" in row),
 }
 
 

@@ -33,6 +33,7 @@ __all__ = [
     "load_controller",
     "network_controller",
     "require_controller",
+    "require_fit",
     "weights_path",
     "weights_sha256",
 ]
@@ -113,7 +114,7 @@ def require_controller(name_or_path: str | Path, scenario: Scenario) -> None:
     path = _given_weights_path(name_or_path, scenario)
     form, _, configuration = checked_weights(path)
     _filed_action_choice(path, configuration)
-    _require_fit(form, scenario, str(name_or_path))
+    require_fit(form, scenario, str(name_or_path))
 
 
 def network_controller(
@@ -125,7 +126,7 @@ def network_controller(
     Raises:
         InputError: windows of a length, or action sets, that the networks do not take.
     """
-    _require_fit(FORMS[networks.form], scenario, name)
+    require_fit(FORMS[networks.form], scenario, name)
     if isinstance(networks, ExpectingNetwork):
         return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
     if isinstance(networks, WindowsNetwork):
@@ -154,8 +155,12 @@ def _filed_action_choice(path: Path, configuration: dict[str, Any]) -> ActionCho
     return filed_choice
 
 
-def _require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
-    """Refuse a scenario that networks of this form cannot decide in."""
+def require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
+    """Refuse a scenario that networks of this form cannot decide in.
+
+    Raises:
+        InputError: windows of another length, or action sets that they do not choose from.
+    """
     if form.window_samples not in (None, scenario.samples_a_decision):
         raise InputError(
             f"{name} needs windows of {form.window_samples} samples; the scenario has {scenario.samples_a_decision}"

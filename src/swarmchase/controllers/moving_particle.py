@@ -35,6 +35,7 @@ from ..channel.propagation import reference_dbm
 from ..formation import Action, displacement_towards
 from ..observation import NEPERS_PER_DB, Observation, center_m, checked_observation, mean_power_dbm
 from ..scenario import NUM_TRACKERS, SPEED_OF_LIGHT_MPS, Scenario
+from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
 
@@ -147,6 +148,10 @@ class MovingParticleController:
         way_m = memory.position_m.double().mean(dim=2) - center
         spacing_m = torch.full((len(way_m),), self._widest_m, dtype=torch.float64)
         return Action(spacing_m, displacement_towards(self._scenario, way_m)), memory
+
+    def belief(self, memory: MovingParticleMemory) -> Belief:
+        """The particles."""
+        return belief_of_particles(memory.position_m)
 
     def explain(self, observation: Observation, memory: MovingParticleMemory) -> Explanation:
         """Some of the particles, and what each choice is worth to all of them."""

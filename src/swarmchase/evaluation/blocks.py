@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..files import require_writable_folder
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
+from ..world.environment import require_world
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, chase_columns
 from .table import Evaluation, evaluate
 from .tables import Document, Row, checked_row, read_table, write_table
@@ -72,6 +73,7 @@ class Block:
             "seed": self.seed,
             "first_chase": self.first_chase,
             "episodes": self.episodes,
+            "columns": [field.name for field in dataclasses.fields(ChaseResult)],
         }
         return origin if self.job.action_choice is None else origin | {"action_choice": self.job.action_choice}
 
@@ -163,14 +165,16 @@ def evaluate_jobs(
     They run in processes of this machine, or by ``runner`` where that is given.
 
     Raises:
-        InputError: no episodes, a folder that cannot be written, or a controller that is refused; before any work. Or
-            the disk gets full and there is no ``unkept`` to tell.
+        InputError: no episodes, a folder that cannot be written, or a controller or world that is refused; before any
+            work. Or the disk gets full and there is no ``unkept`` to tell.
         WorkerDiedError: a process was killed.
     """
     for job in jobs:
         checked_number("episodes", job.episodes, AT_LEAST_ONE)
     for controller, told in dict.fromkeys((job.controller, job.told) for job in jobs):
         require_controller(controller, told)
+    for world in dict.fromkeys(job.world for job in jobs):
+        require_world(world)
     checked_number("seed", seed, AT_LEAST_ZERO)
     require_writable_folder(folder)
     blocks = [block for job in jobs for block in Block(folder, job, seed, 0, job.episodes).parts(BLOCK_CHASES)]

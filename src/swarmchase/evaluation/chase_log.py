@@ -14,7 +14,7 @@ from ..files import write_text_atomically
 from ..scenario import Scenario
 from ..world.environment import Outcome, State, distance_to_target_m
 from ..world.target import draw_start_m
-from .play import play
+from .play import Step, play
 from .table import SPEEDS_MPS, tracking_time_s
 
 FORMAT = 2
@@ -43,6 +43,19 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class LoggedBelief:
+    """Where the controller took the target to be, and whether it was right."""
+
+    mean_m: list[float]
+    radius_m: float
+    """The longest half axis of its 95 % region."""
+    error_m: float
+    """From the mean to the target."""
+    is_held: bool
+    """Whether the target was inside the region."""
+
+
+@dataclass(frozen=True)
 class TimedMoment(Moment):
     """The same, and when: where chases are measured by the clock. Times are since the chase began."""
 
@@ -56,18 +69,25 @@ class TimedMoment(Moment):
     least_distance_m: float
     """Between centre and target so far."""
     reached_s: float | None
-    """When the target was reached on the way here; None where it was not."""
+    """When the target was first reached; None where it has not been."""
+    belief: LoggedBelief | None
+    """At the moment before, by which the controller decided to come here; None where it has none."""
 
 
 def run_chase(scenario: Scenario, controller: Controller, seed: int, chase: int) -> Iterator[Moment]:
     """Chase number ``chase`` of run ``seed``, yielded movement by movement; ``TimedMoment``s where the scenario is told
     in seconds.
     """
-    moment_of = _timed_moment if scenario.is_told_in_seconds else _moment
     for number, step in enumerate(play(scenario, controller, seed, range(chase, chase + 1), 1)):
-        if number == 0:
-            yield moment_of(step.before, None, [0.0, 0.0, 0.0])
-        yield moment_of(step.after, step.outcome, step.action.displacement_m[0].tolist())
+        came = step.outcome, step.action.displacement_m[0].tolist()
+        if scenario.is_told_in_seconds:
+            if number == 0:
+                yield _timed_moment(step.before, None, [0.0, 0.0, 0.0], None)
+            yield _timed_moment(step.after, *came, _logged_belief(step))
+        else:
+            if number == 0:
+                yield _moment(step.before, None, [0.0, 0.0, 0.0])
+            yield _moment(step.after, *came)
 
 
 def chase_log(
@@ -128,7 +148,21 @@ def _moment(state: State, outcome: Outcome | None, displacement_m: list[float]) 
     )
 
 
-def _timed_moment(state: State, outcome: Outcome | None, displacement_m: list[float]) -> TimedMoment:
+def _logged_belief(step: Step) -> LoggedBelief | None:
+    if step.belief is None:
+        return None
+    target_m = step.before.target_position_m
+    return LoggedBelief(
+        mean_m=step.belief.mean_m[0].tolist(),
+        radius_m=float(step.belief.radius_m[0]),
+        error_m=float(step.belief.error_m(target_m)[0]),
+        is_held=bool(step.belief.holds(target_m)[0]),
+    )
+
+
+def _timed_moment(
+    state: State, outcome: Outcome | None, displacement_m: list[float], belief: LoggedBelief | None
+) -> TimedMoment:
     moment = _moment(state, outcome, displacement_m)
     return TimedMoment(
         **{field.name: getattr(moment, field.name) for field in fields(moment)},
@@ -138,5 +172,6 @@ def _timed_moment(state: State, outcome: Outcome | None, displacement_m: list[fl
         target_velocity_mps=state.target.velocity_mps[0].tolist(),
         sample_time_s=[round(time_s, 6) for time_s in state.sample_time_s[0].tolist()],
         least_distance_m=float(state.least_distance_m[0]),
-        reached_s=float(state.reached_s[0]) if moment.reached else None,
+        reached_s=float(state.reached_s[0]) if state.reached_s[0].isfinite() else None,
+        belief=belief,
     )

@@ -10,6 +10,7 @@ from ..controllers.protocol import Controller
 from ..errors import InputError
 from ..scenario import Scenario
 from ..world.environment import State
+from .measures import Tracks
 from .play import play
 
 DEFAULT_BATCH_SIZE = 128
@@ -35,6 +36,21 @@ class ChaseResult:
     None where chases are measured by movements."""
     least_distance_m: float | None = None
     """Between centre and target at any time at which it was judged; None as above."""
+    following_s: float | None = None
+    """The longest time without a break within ``FOLLOWING_RADIUS_M``; None where the chase ended with the capture."""
+    belief_decisions: int | None = None
+    """Decisions of a controller with a belief; None, and so below, where it has none."""
+    belief_held: int | None = None
+    """Of these, with the target inside the belief's 95 % region."""
+    belief_radius_m: float | None = None
+    """The longest half axis of the region, median of the decisions."""
+    belief_error_m: float | None = None
+    """From the belief's mean to the target, median of the decisions,"""
+    belief_error_10_m: float | None = None
+    """and after 10 seconds, or movements where chases are measured by these; None where the chase had ended."""
+    belief_error_20_m: float | None = None
+    belief_error_40_m: float | None = None
+    belief_error_80_m: float | None = None
 
 
 def run_chases(
@@ -42,15 +58,24 @@ def run_chases(
 ) -> Iterator[ChaseResult]:
     """Run the consecutive ``chases`` of run ``seed`` and yield each as it ends, the earliest to end first.
 
+    A chase that goes on after the capture (``follow_s``) has the same row but for what is seen on its way.
+
     Raises:
         InputError: chases that are not consecutive, or no room for any.
     """
     consecutive = range(chases[0], chases[0] + len(chases)) if chases else range(0)
     if list(chases) != list(consecutive):
         raise InputError("chases are refused: their numbers must be consecutive")
+    tracks = Tracks(scenario)
+    captured: dict[int, ChaseResult] = {}
     for step in play(scenario, controller, seed, consecutive, batch_size):
+        tracks.see(step)
+        for row in step.captured_rows():
+            captured[step.chases[row]] = _result(scenario, (seed, step.chases[row]), step.after, row, reached=True)
         for row in step.ended_rows():
-            yield _result(scenario, (seed, step.chases[row]), step.after, row, bool(step.outcome.reached[row]))
+            chase = step.chases[row]
+            result = captured.pop(chase, None) or _result(scenario, (seed, chase), step.after, row, reached=False)
+            yield dataclasses.replace(result, **tracks.end(chase))
 
 
 def _result(scenario: Scenario, key: ChaseKey, state: State, row: int, reached: bool) -> ChaseResult:

@@ -6,7 +6,7 @@ chase. A world may differ from what the controllers are told (``world.departures
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..scenario import Scenario
 from ..world.departures import DEPARTURES, departed
 from .blocks import Finished, Job, Runner, Unkept, evaluate_jobs, file_name
-from .chases import ChaseResult
+from .chases import ChaseResult, chase_columns
 from .play import play
 from .statistics import TAIL, mean_interval, nearest_rank_percentile, nearest_rank_percentiles
 from .table import Evaluation
@@ -41,6 +41,7 @@ TIMED_DECISIONS = 300
 TIMING_SEED = 1 << 60
 """Of the chases in which decisions are timed."""
 WARM_UP_DECISIONS = 10
+_OPTIONAL_COLUMNS = [field.name for field in fields(ChaseResult) if field.default is None]
 
 
 @dataclass(frozen=True)
@@ -210,10 +211,9 @@ def _comparison_table(results: Sequence[Result]) -> "pa.Table":
         "reached": [chase.reached for _, chase in rows],
         "path_length_m": pa.array([chase.path_length_m for _, chase in rows], pa.float32()),
     }
-    if any(chase.capture_s is not None for _, chase in rows):
-        columns["capture_s"] = pa.array([chase.capture_s for _, chase in rows], pa.float64())
-        columns["least_distance_m"] = pa.array([chase.least_distance_m for _, chase in rows], pa.float64())
-    return pa.table(columns)
+    # What only some controllers or worlds have something to say of.
+    others = chase_columns([chase for _, chase in rows])
+    return pa.table(columns | {name: others[name] for name in others if name in _OPTIONAL_COLUMNS})
 
 
 def _comparison_document(results: Sequence[Result]) -> Document:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import chase_keys
+from ..controllers.belief import Belief, Believing
 from ..controllers.protocol import Controller, KnowsTarget
 from ..formation import Action
 from ..ranges import AT_LEAST_ONE, checked_number
@@ -27,11 +28,18 @@ class Step:
     chases: list[int]
     """Their numbers."""
     before: State
+    belief: Belief | None
+    """What the controller believed when it decided; None where it has none."""
     action: Action
     after: State
     outcome: Outcome
     decision_s: float
     """Wall time that the controller took for the actions."""
+
+    def captured_rows(self) -> list[int]:
+        """The rows of the chases in which this movement was the first to reach the target."""
+        is_first = self.after.reached_s.isfinite() & self.before.reached_s.isinf()
+        return [int(row) for row in np.flatnonzero(is_first.tolist())]
 
     def ended_rows(self) -> list[int]:
         """The rows of the chases that this movement ended."""
@@ -71,8 +79,9 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
         began_s = time.perf_counter()
         action, memory = controller.decide(observation, memory)
         decision_s = time.perf_counter() - began_s
+        belief = controller.belief(memory) if isinstance(controller, Believing) else None
         after, outcome = environment.step(state, action)
-        step = Step(numbers, state, action, after, outcome, decision_s)
+        step = Step(numbers, state, belief, action, after, outcome, decision_s)
         yield step
         state, ended = after, set(step.ended_rows())
         if ended:

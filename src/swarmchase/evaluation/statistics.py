@@ -47,6 +47,18 @@ def mean_interval(values: NDArray[Any]) -> list[float] | None:
     return [float(values.mean()) - half_width, float(values.mean()) + half_width]
 
 
+def ratio_interval(part: NDArray[Any], whole: NDArray[Any]) -> list[float] | None:
+    """A 95 % confidence interval of the share sum(part) / sum(whole) over independent chases, normal approximation of a
+    ratio's error (Cochran 1977); None for one chase, which has no spread. What is of one chase need not be independent.
+    """
+    number, ratio = len(part), part.sum() / whole.sum()
+    if number < 2:
+        return None
+    variance = number / (number - 1) * np.square(part - ratio * whole).sum() / whole.sum() ** 2
+    half_width = NORMAL_QUANTILE * math.sqrt(variance)
+    return [max(0.0, float(ratio) - half_width), min(1.0, float(ratio) + half_width)]
+
+
 def share_interval(number: int, of: int) -> list[float]:
     """Clopper and Pearson's exact 95 % confidence interval of a share, of which ``number`` of ``of`` were seen."""
     from scipy.stats import binomtest

@@ -24,8 +24,10 @@ from ..processes.children import begin_child, start_helper, starting_children
 from ..processes.stop_request import Interrupted
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, checked_number
 from ..scenario import Scenario
+from ..world.environment import require_world
 from .chases import DEFAULT_BATCH_SIZE, ChaseResult, chase_columns, run_chases
-from .statistics import mean_interval, nearest_rank_percentile, percentile_interval, share_interval
+from .measures import BELIEF_AFTER, FOLLOWED_S
+from .statistics import mean_interval, nearest_rank_percentile, percentile_interval, ratio_interval, share_interval
 from .tables import write_table
 
 SPEEDS_MPS = (2.0, 5.0)
@@ -91,6 +93,8 @@ class Evaluation:
             "tracking_time_mean_s": {f"{speed:g}": float(times_s[speed].mean()) for speed in SPEEDS_MPS},
             "tracking_time_mean_s_ci95": {f"{speed:g}": mean_interval(times_s[speed]) for speed in SPEEDS_MPS},
             **self._capture(),
+            **self._following(),
+            **self._belief(),
             "version": __version__,
         }
 
@@ -118,6 +122,45 @@ class Evaluation:
             },
             "least_distance_m_mean": float(least_m.mean()),
             "path_length_m_mean": float(np.mean([chase.path_length_m for chase in self.chases])),
+        }
+
+    def _following(self) -> dict[str, Any]:
+        """How long the target was followed, where chases go on after the capture."""
+        if any(chase.following_s is None for chase in self.chases):
+            return {}
+        following_s = np.array([chase.following_s for chase in self.chases])
+        followed = int((following_s >= FOLLOWED_S).sum())
+        return {
+            "following_s_mean": float(following_s.mean()),
+            "following_s_mean_ci95": mean_interval(following_s),
+            f"followed_{FOLLOWED_S:g}_s": followed / len(following_s),
+            f"followed_{FOLLOWED_S:g}_s_ci95": share_interval(followed, len(following_s)),
+        }
+
+    def _belief(self) -> dict[str, Any]:
+        """What the controller's belief is worth, where it has one. Medians are over chases, of a chase's own medians;
+        after a time, over the chases that last so long.
+        """
+        if any(chase.belief_decisions is None for chase in self.chases):
+            return {}
+        held, decisions, radius_m, error_m = (
+            np.array([getattr(chase, f"belief_{what}") for chase in self.chases])
+            for what in ("held", "decisions", "radius_m", "error_m")
+        )
+        after_m = {
+            f"{after}": [
+                error for chase in self.chases if (error := getattr(chase, f"belief_error_{after}_m")) is not None
+            ]
+            for after in BELIEF_AFTER
+        }
+        return {
+            "belief_coverage_95": float(held.sum() / decisions.sum()),
+            "belief_coverage_95_ci95": ratio_interval(held, decisions),
+            "belief_radius_m_p50": nearest_rank_percentile(radius_m, 50),
+            "belief_error_m_p50": nearest_rank_percentile(error_m, 50),
+            "belief_error_m_p50_after": {
+                after: nearest_rank_percentile(errors, 50) for after, errors in after_m.items() if errors
+            },
         }
 
     def save_parquet(self, path: Path) -> None:
@@ -164,7 +207,8 @@ def evaluate(
     some end, and now and then while none does. What it raises ends the evaluation.
 
     Raises:
-        InputError: no episodes, no batch, an unknown controller or a broken weights file.
+        InputError: no episodes, no batch, an unknown controller, a broken weights file, or a world in which no chase
+            can be flown.
         WorkerDiedError: a process was killed, or failed with the error it printed.
         Interrupted: a process was told to stop by a signal.
     """
@@ -173,6 +217,7 @@ def evaluate(
     for name, value in (("seed", seed), ("first_chase", first_chase)):
         checked_number(name, value, AT_LEAST_ZERO)
     require_controller(controller, scenario)
+    require_world(world or scenario)
     work = _Work(scenario, world or scenario, controller, action_choice, seed, batch_size)
     chases: list[ChaseResult] = []
     report = finished or (lambda _chases: None)

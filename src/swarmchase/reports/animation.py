@@ -142,11 +142,18 @@ class _Scene:
 
     def _words(self, moment: int) -> str:
         clock, is_timed = self._paths.clock[moment], is_told_in_seconds(self._log)
-        is_reached = self._log["reached"] and moment == len(self._paths) - 1
-        if is_reached and is_timed:  # some time before this moment
+        is_last = moment == len(self._paths) - 1
+        is_reached = self._log["reached"] and (clock >= self._log["capture_s"] if is_timed else is_last)
+        goes_on = self._log["scenario"].get("follow_s", 0) > 0
+        if is_reached and is_timed and not goes_on:  # some time before this moment
             return f"{self._log['capture_s']:5.1f} s  reached: within {self._log['scenario']['success_radius_m']:g} m"
         when = f"{clock:5.1f} s" if is_timed else f"movement {clock:3.0f}"
-        return f"{when}  distance {self._paths.distance_m[moment]:5.1f} m" + ("  reached" if is_reached else "")
+        return f"{when}  distance {self._paths.distance_m[moment]:5.1f} m" + (
+            self._ending(is_timed) if is_reached else ""
+        )
+
+    def _ending(self, is_timed: bool) -> str:
+        return f"  reached at {self._log['capture_s']:.1f} s" if is_timed else "  reached"
 
 
 class _GrowingPath:

@@ -31,26 +31,35 @@ PANELS_A_ROW = 4
 
 Row = dict[str, Any]
 MovementsByPlace = Mapping[tuple[str, float, float, str], Sequence[float | int]]
-"""Movements of every chase, or seconds until its capture, by (controller, F, rho, world)."""
+"""Movements of every chase, or another measure of it, by (controller, F, rho, world)."""
 
 
-def draw_comparison(folder: Path, movements: MovementsByPlace, rows: Sequence[Row]) -> list[Path]:
+def draw_comparison(
+    folder: Path,
+    movements: MovementsByPlace,
+    rows: Sequence[Row],
+    following_s: MovementsByPlace,
+    belief_error_m: MovementsByPlace,
+) -> list[Path]:
     """Draw what the results have: distributions, and percentiles against F or, in several worlds, means by world.
-    Where chases are measured by the clock, the distributions of the seconds until the capture.
+    Where chases are measured by the clock, the distributions of the seconds until the capture. Of what there is, also
+    the distributions of the longest time near the target and of the belief's median error.
 
     ``rows`` are the summaries of the same results. Returns the PNG files.
     """
+    figures: dict[str, Callable[[], Figure]]
     if "capture_s_mean" in rows[0]:
-        return _drawn(folder, {"capture": lambda: capture_figure(movements)})
-    several_worlds = len({row["world"] for row in rows}) > 1
-    figures: dict[str, Callable[[], Figure]] = {
-        "movements": lambda: distribution_figure(movements),
-        **(
-            {"worlds": lambda: world_figure(rows)}
-            if several_worlds
-            else {"percentile": lambda: percentile_figure(rows)}
-        ),
-    }
+        figures = {"capture": lambda: capture_figure(movements)}
+    else:
+        figures = {"movements": lambda: distribution_figure(movements)}
+        if len({row["world"] for row in rows}) > 1:
+            figures["worlds"] = lambda: world_figure(rows)
+        else:
+            figures["percentile"] = lambda: percentile_figure(rows)
+    if following_s:
+        figures["following"] = lambda: _distributions(following_s, "longest time within 10 m (s)")[0]
+    if belief_error_m:
+        figures["belief"] = lambda: belief_figure(belief_error_m)
     return _drawn(folder, figures)
 
 
@@ -84,6 +93,14 @@ def capture_figure(capture_s: MovementsByPlace) -> Figure:
     for axes, _ in panels:
         # Just before the end, where the step of those without a capture would look like captures.
         axes.set_xlim(0, 0.999 * max(max(seconds) for seconds in capture_s.values()))
+    return figure
+
+
+def belief_figure(error_m: MovementsByPlace) -> Figure:
+    """Distribution of the median error of each chase's belief, panels as above."""
+    figure, panels = _distributions(error_m, "belief: median error of a chase (m)")
+    for axes, _ in panels:
+        axes.set_xscale("log")
     return figure
 
 

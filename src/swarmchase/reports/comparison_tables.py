@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .intervals import shown_interval, shown_share
+from .intervals import shown_errors, shown_interval, shown_share
 
 Row = dict[str, Any]
 
@@ -14,10 +14,14 @@ def comparison_tables(rows: Sequence[Row]) -> dict[str, str]:
     """
     tables = {
         **(_by_the_clock(rows) if "capture_s_mean" in rows[0] else {}),
+        **(_of_following(rows) if "following_s_mean" in rows[0] else {}),
         "90th percentile of movements": _by_place(rows, _percentile),
         "mean movements": _by_place(rows, _mean),
         "reached": _by_place(rows, lambda row: f"{100 * row['success_rate']:.2f} %"),
     }
+    believing = [row for row in rows if "belief_coverage_95" in row]
+    if believing:
+        tables |= _of_belief(believing)
     first = rows[0]["controller"]
     others = [row for row in rows if row["controller"] != first]
     if others:
@@ -37,6 +41,31 @@ def _by_the_clock(rows: Sequence[Row]) -> dict[str, str]:
             f"captured within {limit} s": _by_place(rows, lambda row, limit=limit: _captured(row, limit))  # type: ignore[misc]
             for limit in rows[0]["captured_within_s"]
         },
+    }
+
+
+def _of_following(rows: Sequence[Row]) -> dict[str, str]:
+    return {
+        "longest time within 10 m, mean seconds": _by_place(
+            rows, lambda row: f"{row['following_s_mean']:.1f}" + shown_interval(row["following_s_mean_ci95"], 1)
+        ),
+        "within 10 m for 30 s": _by_place(
+            rows, lambda row: shown_share(row["followed_30_s"], row["followed_30_s_ci95"])
+        ),
+    }
+
+
+def _of_belief(rows: Sequence[Row]) -> dict[str, str]:
+    """Coverage never stands without the radius and the error: a belief that knows nothing covers everything."""
+    return {
+        "belief: target in its 95 % region": _by_place(
+            rows, lambda row: shown_share(row["belief_coverage_95"], row["belief_coverage_95_ci95"])
+        ),
+        "belief: radius of the region, median in m": _by_place(rows, lambda row: f"{row['belief_radius_m_p50']:.1f}"),
+        "belief: error, median in m": _by_place(rows, lambda row: f"{row['belief_error_m_p50']:.1f}"),
+        "belief: median error after 10, 20, 40, 80 " + ("s" if "capture_s_mean" in rows[0] else "movements"): _by_place(
+            rows, lambda row: shown_errors(row["belief_error_m_p50_after"], "capture_s_mean" in row)
+        ),
     }
 
 

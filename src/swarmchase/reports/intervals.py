@@ -1,6 +1,6 @@
 """An interval as a table shows it; apart from the drawing, so that the command line needs no matplotlib for it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 
 def shown_interval(interval: Sequence[float] | None, digits: int) -> str:
@@ -8,6 +8,12 @@ def shown_interval(interval: Sequence[float] | None, digits: int) -> str:
     return "" if interval is None else f" [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"
 
 
-def shown_share(share: float, interval: Sequence[float]) -> str:
+def shown_share(share: float, interval: Sequence[float] | None) -> str:
     """In percent."""
-    return f"{100 * share:.1f} %" + shown_interval([100 * bound for bound in interval], 1)
+    return f"{100 * share:.1f} %" + shown_interval(interval and [100 * bound for bound in interval], 1)
+
+
+def shown_errors(error_m_after: Mapping[str, float], by_the_clock: bool) -> str:
+    """After so many seconds or movements."""
+    when = [f"{after}{' s' if by_the_clock else ''}: {error_m:.1f} m" for after, error_m in error_m_after.items()]
+    return ", ".join(when)

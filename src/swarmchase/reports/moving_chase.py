@@ -32,29 +32,38 @@ MARK_APART_SHARE = 0.06
 """Of the view's width: a mark nearer to another one goes without its number."""
 MOST_MEANS = 42
 """A tracker's level is drawn as so many means; each has the marker of one tracker, since levels lie close together."""
+BELIEF_COLOR = "#7B3294"
+LEAST_SHOWN_M = 0.1
+"""Of the belief: what is less does not matter to the eye."""
 END_SHARE = 1.03
 """Of the chase's length, so that what ends it stands free of the edge."""
 
 
 def draw_moving_chase(log: dict[str, Any], path: Path) -> None:
-    """Both paths from above, and over time their heights, their distance and the six trackers' levels, from the log of
-    a chase that is measured by the clock, as PNG or PDF.
+    """Both paths from above, and over time their heights, their distance, the controller's belief if it has one, and
+    the six trackers' levels, from the log of a chase that is measured by the clock, as PNG or PDF.
     """
     paths = flight_paths(log)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH_INCHES, 7.2), layout="constrained")
-        grid = figure.add_gridspec(4, 1, height_ratios=(2.8, 0.8, 0.9, 1.2))
+        beliefs = _beliefs(log)
+        heights = (2.8, 0.8, 0.9, 0.9, 1.2) if beliefs else (2.8, 0.8, 0.9, 1.2)
+        figure = Figure(figsize=(COLUMN_WIDTH_INCHES, 8.2 if beliefs else 7.2), layout="constrained")
+        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
         plan_axes = figure.add_subplot(grid[0])
-        level_axes = figure.add_subplot(grid[3])
-        height_axes, distance_axes = (figure.add_subplot(grid[row], sharex=level_axes) for row in (1, 2))
+        level_axes = figure.add_subplot(grid[len(heights) - 1])
+        height_axes, distance_axes, *belief_axes = (
+            figure.add_subplot(grid[row], sharex=level_axes) for row in range(1, len(heights) - 1)
+        )
         _draw_plan(plan_axes, paths)
         _draw_height(height_axes, paths)
         _draw_distance(distance_axes, log, paths)
+        for axes in belief_axes:
+            _draw_belief(axes, beliefs)
         _draw_levels(level_axes, log)
-        for axes in (height_axes, distance_axes):
+        for axes in (height_axes, distance_axes, *belief_axes):
             axes.tick_params(labelbottom=False)
         level_axes.set(xlabel=paths.clock_label, xlim=(0, END_SHARE * paths.clock[-1]))
-        figure.align_ylabels([plan_axes, height_axes, distance_axes, level_axes])
+        figure.align_ylabels([plan_axes, height_axes, distance_axes, *belief_axes, level_axes])
         lines = _title_lines(log)
         figure.suptitle("\n".join(lines), fontsize=8)
         save_figure(figure, path, ", ".join(lines))
@@ -127,13 +136,17 @@ def _draw_height(axes: Axes, paths: FlightPaths) -> None:
 
 
 def _draw_distance(axes: Axes, log: dict[str, Any], paths: FlightPaths) -> None:
-    """Until the target is reached, which is between two decisions."""
+    """The target is reached between two decisions; there the line ends, or the chase goes on."""
     radius_m = log["scenario"]["success_radius_m"]
     time_s, distance_m = paths.clock.copy(), paths.distance_m
     note = f"dotted: success within {radius_m:g} m"
     if log["reached"]:
-        time_s[-1], distance_m[-1] = log["capture_s"], radius_m
-        axes.plot(time_s[-1:], distance_m[-1:], marker="*", ms=9, color=TARGET_COLOR, mec="black", mew=0.5, zorder=5)
+        capture, after = (log["capture_s"], radius_m), int(np.searchsorted(time_s, log["capture_s"]))
+        if after >= len(time_s) - 1:
+            time_s[-1], distance_m[-1] = capture
+        else:
+            time_s, distance_m = np.insert(time_s, after, capture[0]), np.insert(distance_m, after, capture[1])
+        axes.plot(*capture, marker="*", ms=9, color=TARGET_COLOR, mec="black", mew=0.5, zorder=5)
         note += ", star: reached"
     axes.plot(time_s, distance_m, color="black", linewidth=1)
     axes.axhline(radius_m, color=TARGET_COLOR, linestyle=":", linewidth=1)
@@ -141,6 +154,36 @@ def _draw_distance(axes: Axes, log: dict[str, Any], paths: FlightPaths) -> None:
     # Somewhat below nothing, so that the radius and the star stand free of the axis.
     highest_m = max(distance_m.max(), radius_m)
     axes.set(ylabel="distance (m)", ylim=(-0.08 * highest_m, 1.05 * highest_m))
+
+
+def _beliefs(log: dict[str, Any]) -> list[tuple[float, dict[str, Any]]]:
+    """What the controller believed, and when."""
+    moments = log["moments"]
+    times_s = [moment["time_s"] for moment in moments]
+    # Of the moment before; logs of earlier versions have none.
+    beliefs = [moment.get("belief") for moment in moments[1:]]
+    return [(time_s, belief) for time_s, belief in zip(times_s, beliefs, strict=False) if belief is not None]
+
+
+def _draw_belief(axes: Axes, beliefs: list[tuple[float, dict[str, Any]]]) -> None:
+    """How far off it was, and how far it said that it might be."""
+    time_s = np.array([time_s for time_s, _ in beliefs])
+    radius_m, error_m = (np.array([belief[what] for _, belief in beliefs]) for what in ("radius_m", "error_m"))
+    is_missed = ~np.array([belief["is_held"] for _, belief in beliefs])
+    axes.plot(time_s, radius_m, color=BELIEF_COLOR, linewidth=1, linestyle="--", label="95 % region")
+    axes.plot(time_s, error_m, color="black", linewidth=1, label="error")
+    axes.plot(time_s[is_missed], error_m[is_missed], linestyle="none", marker="x", color=TARGET_COLOR, markersize=3)
+    least_m = max(min(radius_m.min(), error_m.min()), LEAST_SHOWN_M)
+    axes.set(ylabel="belief (m)", yscale="log")
+    axes.set_ylim(0.6 * least_m, 2 * max(radius_m.max(), error_m.max(), least_m))
+    axes.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=2,
+        frameon=False,
+        title="cross: target outside the 95 % region" if is_missed.any() else None,
+        title_fontsize=7,
+    )
 
 
 def _draw_levels(axes: Axes, log: dict[str, Any]) -> None:

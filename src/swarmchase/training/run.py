@@ -9,11 +9,13 @@ from pathlib import Path
 
 import torch
 
+from ..controllers import require_fit
 from ..errors import InputError
-from ..networks.forms import continued_networks, new_networks
+from ..networks.forms import FORMS, continued_networks, new_networks
 from ..networks.weights import load_weights
 from ..processes.stop_request import StopRequest, stop_request
 from ..scenario import Scenario
+from ..world.environment import require_world
 from .agent import AgentSnapshot, FinishedChase
 from .evaluator import BEST_WEIGHTS, LAST_WEIGHTS, AuxiliaryEvaluation, save_trained_weights, weights_configuration
 from .global_agent import SharedParameters
@@ -196,9 +198,12 @@ def open_run(
     """A new run, or the one in ``folder`` gone on with; a signal asks it to stop instead of tearing it down.
 
     Raises:
-        InputError: the folder cannot be written, holds a run and ``resume`` is false, or holds no run and it is true;
-            or another training is at work in it.
+        InputError: a scenario that the networks cannot decide in; the folder cannot be written, holds a run and
+            ``resume`` is false, or holds no run and it is true; or another training is at work in it.
     """
+    for scenario in scenarios:
+        require_world(scenario)
+        require_fit(FORMS[settings.form], scenario, f"the form {settings.form}")
     start = None if resume else _start(settings)  # before the folder is made: its weights file may be missing
     if resume and not holds_run(folder):
         raise InputError(f"folder {folder} holds no run to resume")

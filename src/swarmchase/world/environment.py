@@ -55,7 +55,7 @@ class State:
     least_distance_m: Float[Tensor, "chase"]
     """Between centre and target so far, while it was judged."""
     reached_s: Float[Tensor, "chase"]
-    """When the target was reached since the last decision; infinite where it was not."""
+    """When the target was first reached; infinite where it has not been."""
     radio: RadioState
     """What the radio carries from window to window."""
 
@@ -77,9 +77,13 @@ class Outcome:
     reward_m: Float[Tensor, "chase 4"]
     """R^d, R^x, R^y, R^z in this order, float64."""
     reached: Bool[Tensor, "chase"]
-    """The centre has been within the success radius: termination."""
+    """The centre has been within the success radius, ``follow_s`` ago or longer: termination."""
     truncated: Bool[Tensor, "chase"]
     """MAX_STEPS movements are spent and the target is not reached: truncation."""
+    moment_s: Float[Tensor, "chase moment"]
+    """Since the chase began: moments of the movement at which the target was judged,"""
+    distance_m: Float[Tensor, "chase moment"]
+    """and how far the centre was from it."""
 
 
 class Environment:
@@ -109,7 +113,9 @@ class Environment:
         hovering = Swarm(torch.zeros_like(start_m), torch.zeros_like(start_m))
         leg = self._pace.begin(self._behaviour.begin(keys, start_m), hovering, spacing_m)
         nothing = torch.zeros(len(keys), dtype=torch.int64, device=self._device)
-        return self._after(leg, spacing_m, nothing, leg.path_length_m, leg.least_distance_m, self._radio.begin(keys))
+        # It counts as reached by a movement, not where it is there from the first.
+        so_far = leg.path_length_m, leg.least_distance_m, torch.full_like(leg.reached_s, torch.inf)
+        return self._after(leg, spacing_m, nothing, *so_far, self._radio.begin(keys))
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
         """Carry out one action in every chase: act, fly, listen, judge.
@@ -122,10 +128,11 @@ class Environment:
         leg = self._pace.fly(state.target, swarm, state.spacing_m, state.time_s, action)
         path_length_m = state.path_length_m + leg.path_length_m
         least_distance_m = torch.minimum(state.least_distance_m, leg.least_distance_m)
+        reached_s = torch.minimum(state.reached_s, leg.reached_s)
         following = self._after(
-            leg, action.spacing_m, state.movements + 1, path_length_m, least_distance_m, state.radio
+            leg, action.spacing_m, state.movements + 1, path_length_m, least_distance_m, reached_s, state.radio
         )
-        return following, self._outcome(state, following)
+        return following, self._outcome(state, following, leg)
 
     def _after(
         self,
@@ -134,6 +141,7 @@ class Environment:
         movements: Int[Tensor, "chase"],
         path_length_m: Float[Tensor, "chase"],
         least_distance_m: Float[Tensor, "chase"],
+        reached_s: Float[Tensor, "chase"],
         radio: RadioState,
     ) -> State:
         """Listen on a leg."""
@@ -152,16 +160,17 @@ class Environment:
             movements=movements,
             path_length_m=path_length_m,
             least_distance_m=least_distance_m,
-            reached_s=leg.reached_s,
+            reached_s=reached_s,
             radio=radio,
         )
 
-    def _outcome(self, before: State, after: State) -> Outcome:
-        reached = after.reached_s.isfinite()
+    def _outcome(self, before: State, after: State, leg: Leg) -> Outcome:
         return Outcome(
             reward_m=distance_reduction_m(before, after),
-            reached=reached,
-            truncated=(after.movements >= self.scenario.max_movements) & ~reached,
+            reached=after.time_s >= after.reached_s + self.scenario.follow_s,
+            truncated=(after.movements >= self.scenario.max_movements) & after.reached_s.isinf(),
+            moment_s=leg.moment_s,
+            distance_m=leg.distance_m,
         )
 
     def _require_allowed(self, state: State, action: Action) -> None:
@@ -172,6 +181,16 @@ class Environment:
                 f"{len(state.spacing_m)} chases need spacing_m [chase] and displacement_m [chase, 3]"
             )
         self._pace.require_allowed(action)
+
+
+def require_world(scenario: Scenario) -> None:
+    """Refuse a world in which no chase can be flown, before there is any work.
+
+    Raises:
+        InputError: what ``Environment`` refuses, or there is no place to start.
+    """
+    Environment(scenario)
+    draw_start_m(scenario, [(0, 0)])
 
 
 def _trackers_m(

@@ -43,6 +43,10 @@ class Leg:
     """where the swarm's centre is,"""
     sample_spacing_m: Float[Tensor, "chase place"]
     """and how far from it the trackers are."""
+    moment_s: Float[Tensor, "chase moment"]
+    """Since the chase began: moments at which the target is judged, between which the distance changes evenly,"""
+    distance_m: Float[Tensor, "chase moment"]
+    """and how far the centre is from it."""
     least_distance_m: Float[Tensor, "chase"]
     """Between centre and target, while it is judged."""
     reached_s: Float[Tensor, "chase"]
@@ -151,6 +155,7 @@ class StopAndListen:
         if self._behaviour.is_still:
             sample_target_m = target.position_m[:, None]
             least_distance_m = length(center_m - target.position_m)
+            moment_s, distance_m = begin_s[:, None], least_distance_m[:, None]
             is_there = least_distance_m <= self._scenario.success_radius_m
             reached_s = torch.where(is_there, begin_s, torch.inf)
         else:
@@ -158,7 +163,7 @@ class StopAndListen:
             target, target_m = self._window.flown(self._behaviour, target, [hovering] * self._window.steps)
             sample_target_m = self._window.at_samples(target_m)
             offset_m = center_m[:, None] - target_m
-            least_distance_m = least_m(offset_m)
+            least_distance_m, distance_m = least_m(offset_m), length(offset_m)
             moment_s = begin_s[:, None] + self._window.moment_s
             reached_s = first_within_s(offset_m, moment_s, self._scenario.success_radius_m)
         return Leg(
@@ -171,6 +176,8 @@ class StopAndListen:
             sample_target_m=sample_target_m,
             sample_center_m=center_m[:, None].expand_as(sample_target_m),
             sample_spacing_m=spacing_m[:, None].expand(sample_target_m.shape[:2]),
+            moment_s=moment_s,
+            distance_m=distance_m,
             least_distance_m=least_distance_m,
             reached_s=reached_s,
         )
@@ -250,6 +257,7 @@ class ListenInFlight:
             seen = [Swarm(center_m[:, step], velocity_mps[:, step]) for step in range(interval.steps)]
             target, target_m = interval.flown(self._behaviour, target, seen)
         offset_m = center_m - target_m
+        moment_s = begin_s[:, None] + moment_s
         before_m, after_m = spacing_m
         return Leg(
             target=target,
@@ -263,8 +271,10 @@ class ListenInFlight:
             sample_spacing_m=torch.lerp(
                 before_m[:, None], after_m[:, None], (sample_s / self._scenario.decision_s).clamp_max(1.0)
             ),
+            moment_s=moment_s,
+            distance_m=length(offset_m),
             least_distance_m=least_m(offset_m),
-            reached_s=first_within_s(offset_m, begin_s[:, None] + moment_s, self._scenario.success_radius_m),
+            reached_s=first_within_s(offset_m, moment_s, self._scenario.success_radius_m),
         )
 
 
