@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,13 +11,17 @@ import torch
 from swarmchase import Environment, Observation, Scenario, load_controller, paper_scenario
 from swarmchase.batch.selection import join_chases, select_chases
 from swarmchase.batch.streams import chase_keys
+from swarmchase.controllers import adaptive as adaptive_module
+from swarmchase.controllers import unknown_channel
 from swarmchase.controllers.adaptive import AdaptiveController, AdaptiveMemory
 from swarmchase.controllers.condition import Condition
+from swarmchase.controllers.remembered_windows import MOST_WINDOWS
 from swarmchase.evaluation.chases import run_chases
 from swarmchase.evaluation.play import play
-from swarmchase.formation import tracker_position_m
+from swarmchase.formation import Action, tracker_position_m
 from swarmchase.scenario import NUM_TRACKERS
 
+DOCS = Path(__file__).parents[2] / "docs"
 TOLD = paper_scenario(sampling_hz=10, spatial_correlation=0.5)
 
 
@@ -60,8 +65,6 @@ def observed(world: Scenario, seed: int, num_windows: int, wander_m: float = 4.0
     for number in range(num_windows - 1):
         way_m = torch.zeros(1, 3, dtype=torch.float64)
         way_m[0, number % 3] = wander_m
-        from swarmchase.formation import Action
-
         state, _ = environment.step(state, Action(torch.full((1,), 5.0, dtype=torch.float64), way_m))
         seen.append(state.observation())
     return seen
@@ -221,3 +224,31 @@ class _Told:
         action, memory = self._controller.decide(observation, memory)
         type(self).last = memory
         return action, memory
+
+
+def test_the_documents_state_the_constants() -> None:
+    method, guide = (
+        " ".join((DOCS / name).read_text(encoding="utf-8").split()) for name in ("method.md", "controllers.md")
+    )
+    (told_db, power_db), off_db = unknown_channel.POWER_SPREADS_DB, unknown_channel.OFFSET_SPREADS_DB
+    l_m, s_db = (sorted({field[part] for field in unknown_channel.FIELDS}) for part in range(2))
+    share = f"{100 * unknown_channel.TOLD_SHARE:.0f} %"
+    for words in (
+        f"P is {told_db:g} or {power_db:g} dB (as told with {share})",
+        f"O is {off_db[0]:g} ({share}), {off_db[1]:g}, {off_db[2]:g} or {off_db[3]:g} dB for all receivers, "
+        f"or {unknown_channel.WRONG_BY_DB:g} dB for one of them beside {off_db[0]:g} or {off_db[1]:g} dB",
+        f"shadowing has {100 * math.exp(unknown_channel.LOG_FIELD):.0f} %, with l of {l_m[0]:g}, {l_m[1]:g} or {l_m[2]:g} m "
+        f"and S of {s_db[0]:g} or {s_db[1]:g} dB",
+        f"Student's t with {unknown_channel.DEGREES_OF_FREEDOM:.0f} degrees of freedom",
+        f"{100 * adaptive_module.SHELL_SHARE:.0f} %: at the told distance within {adaptive_module.SHELL_SPREAD_M:g} m",
+        f"e^{adaptive_module.LEAST_LOG_SHARE:g} of the best one's evidence",
+        f"up to {NUM_TRACKERS * MOST_WINDOWS} levels",
+    ):
+        assert words in method, words
+    for words in (
+        f"{adaptive_module.NUM_PARTICLES} places of the target",
+        f"{2 * len(unknown_channel.PAIRS)} models",
+        f"one of {('six',)[len(unknown_channel.FIELDS) - 6]} kinds",
+        f"up to {MOST_WINDOWS} windows",
+    ):
+        assert words in guide, words
