@@ -237,8 +237,8 @@ def test_the_documents_state_the_constants() -> None:
         f"P is {told_db:g} or {power_db:g} dB (as told with {share})",
         f"O is {off_db[0]:g} ({share}), {off_db[1]:g}, {off_db[2]:g} or {off_db[3]:g} dB for all receivers, "
         f"or {unknown_channel.WRONG_BY_DB:g} dB for one of them beside {off_db[0]:g} or {off_db[1]:g} dB",
-        f"shadowing has {100 * math.exp(unknown_channel.LOG_FIELD):.0f} %, with l of {l_m[0]:g}, {l_m[1]:g} or {l_m[2]:g} m "
-        f"and S of {s_db[0]:g} or {s_db[1]:g} dB",
+        f"shadowing has {100 * math.exp(unknown_channel.LOG_FIELD):.0f} %, "
+        f"with l of {l_m[0]:g}, {l_m[1]:g} or {l_m[2]:g} m and S of {s_db[0]:g} or {s_db[1]:g} dB",
         f"Student's t with {unknown_channel.DEGREES_OF_FREEDOM:.0f} degrees of freedom",
         f"{100 * adaptive_module.SHELL_SHARE:.0f} %: at the told distance within {adaptive_module.SHELL_SPREAD_M:g} m",
         f"e^{adaptive_module.LEAST_LOG_SHARE:g} of the best one's evidence",
