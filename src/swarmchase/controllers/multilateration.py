@@ -28,7 +28,7 @@ import torch
 from ..batch.array_types import Float, Int, Tensor
 from ..channel.fading_law import FadingLaw, fading_law
 from ..channel.propagation import reference_dbm, slope_db
-from ..formation import Action, displacement_towards, nearest_choice
+from ..formation import Action, displacement_towards, spacing_towards
 from ..observation import (
     Observation,
     center_m,
@@ -87,7 +87,7 @@ class MultilaterationMemory:
     """Standard deviation of the fading over that of all that is unknown of a window's levels; 1 where targets are taken
     to stand still."""
     time_s: Float[Tensor, "chase"]
-    """Of the last sample, float64; NaN before the first."""
+    """Of the last sample, float64; NaN before the first, and where targets are taken to stand still."""
     estimate: Float[Tensor, "chase unknown"]
     """Position of the target in metres, its power above the scenario's in dB, and in flight its velocity in metres a
     second, float64."""
@@ -140,7 +140,7 @@ class MultilaterationController:
         holds = ~memory.power_dbm.isfinite().flatten(1).any(dim=1) if self._in_flight else deaf
         left_m = torch.where(holds[:, None], 0.0, estimate[:, :3] - center)
         action = Action(
-            spacing_m=self._spacing_m(left_m),
+            spacing_m=spacing_towards(self._scenario, left_m),
             displacement_m=displacement_towards(self._scenario, left_m),
         )
         condition = torch.where(deaf, int(Condition.DEAF), condition)
@@ -149,12 +149,6 @@ class MultilaterationController:
     def explain(self, observation: Observation, memory: MultilaterationMemory) -> Explanation:
         """One point: it knows of no other."""
         return Explanation(None, memory.estimate[:1, :3])
-
-    def _spacing_m(self, left_m: Float[Tensor, "chase 3"]) -> Float[Tensor, "chase"]:
-        """The choice next to the distance that is left; in flight the widest, whose differences say most."""
-        if self._in_flight:
-            return torch.full((len(left_m),), max(self._scenario.spacing_choices_m), dtype=torch.float64)
-        return nearest_choice(self._scenario.spacing_choices_m, left_m.norm(dim=1))
 
     def _heard(self, observation: Observation, memory: MultilaterationMemory) -> MultilaterationMemory:
         """The memory with this window; in flight with the windows of this interval, at whose end the target is farther
@@ -167,7 +161,7 @@ class MultilaterationController:
             estimate = torch.cat([estimate[:, :3] + flown_m, estimate[:, 3:]], dim=1)
             num_pieces = min(PIECES_IN_FLIGHT, age_s.shape[1])
         else:
-            lasted_s, age_s = torch.zeros_like(lasted_s), torch.zeros_like(age_s)
+            time_s, lasted_s, age_s = memory.time_s, torch.zeros_like(lasted_s), torch.zeros_like(age_s)
         memory = replace(memory, age_s=memory.age_s + lasted_s[:, None], time_s=time_s, estimate=estimate)
         edge = [piece * age_s.shape[1] // num_pieces for piece in range(num_pieces + 1)]
         for first, end in itertools.pairwise(edge):
