@@ -54,3 +54,12 @@ def displacement_towards(scenario: Scenario, way_m: Float[Tensor, "chase 3"]) ->
     if scenario.pace == "stop_and_listen":
         return nearest_choice(scenario.displacement_choices_m, way_m)
     return scenario.tracker_speed_mps * scenario.decision_s * direction(way_m)
+
+
+def spacing_towards(scenario: Scenario, way_m: Float[Tensor, "chase 3"]) -> Float[Tensor, "chase"]:
+    """Where trackers stop to listen, the choice next to the length of this way; in flight the widest, where they
+    differ most.
+    """
+    if scenario.pace == "stop_and_listen":
+        return nearest_choice(scenario.spacing_choices_m, way_m.norm(dim=1))
+    return torch.full((len(way_m),), max(scenario.spacing_choices_m), dtype=torch.float64)

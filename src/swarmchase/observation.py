@@ -12,6 +12,8 @@ from .scenario import Scenario
 
 NEPERS_PER_DB = math.log(10) / 10
 """Of power: its natural logarithm over its level in dB."""
+LONGEST_S = 60.0
+"""A longer time between two samples or two decisions counts as this."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,28 @@ def mean_power_dbm(rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Ten
     strongest_dbm = torch.where(valid, rssi_dbm, -torch.inf).amax(dim=2)
     relative = torch.where(valid, ((rssi_dbm - strongest_dbm[..., None]) * NEPERS_PER_DB).exp(), 0.0)
     return strongest_dbm + 10 * torch.log10(relative.sum(dim=2) / valid.sum(dim=2))
+
+
+def sample_age_s(
+    observation: Observation, scenario: Scenario, before_s: Float[Tensor, "chase"]
+) -> tuple[Float[Tensor, "chase"], Float[Tensor, "chase"], Float[Tensor, "chase sample"]]:
+    """When the last sample was taken, how long after the last one of the observation before, and how long before it
+    each sample was taken; float64.
+
+    Args:
+        before_s: the first of these of the observation before; NaN where there was none, and then a decision's
+            interval lies between.
+    """
+    num_chases, num_samples = observation.rssi_dbm.shape[:2]
+    if observation.time_s is None:
+        age_s = torch.arange(num_samples - 1, -1, -1, dtype=torch.float64).expand(num_chases, -1)
+        age_s = age_s / scenario.sampling_hz
+        time_s = before_s.nan_to_num(nan=0.0) + num_samples / scenario.sampling_hz
+    else:
+        time_s = observation.time_s[:, -1].double()
+        age_s = (time_s[:, None] - observation.time_s.double()).nan_to_num(nan=0.0).clamp(0.0, LONGEST_S)
+    lasted_s = time_s - before_s
+    return time_s, torch.where(lasted_s.isfinite(), lasted_s, scenario.decision_s).clamp(0.0, LONGEST_S), age_s
 
 
 def mean_position_m(observation: Observation) -> Float[Tensor, "chase tracker 3"]:

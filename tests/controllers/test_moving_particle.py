@@ -1,4 +1,4 @@
-"""``particle`` in flight: by hand, against a filter written once more in plain numpy, and in flights."""
+"""``particle`` in flight: by hand, and in flights."""
 
 import dataclasses
 import functools
@@ -7,8 +7,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from scipy.special import j0
-from scipy.stats import multivariate_normal
 
 from swarmchase.batch.selection import join_chases, pack, select_chases
 from swarmchase.batch.streams import chase_keys
@@ -324,93 +322,3 @@ def test_it_explains_itself():
     assert explanation.choice_share.sum(dim=1).tolist() == pytest.approx([1] * 4, abs=1e-5)
     apart_m = explanation.target_m.mean(dim=0) - memory.position_m[0].mean(dim=1)
     assert apart_m.norm() < 0.2 * explanation.target_m.std(dim=0).norm()
-
-
-# The filter once more, in plain numpy, for one chase: a bootstrap filter of many particles without a kernel.
-
-
-def plain_belief(observations, num_particles, seed):
-    """The mean place and the spread after each of these observations, [decision, 4]."""
-    generator = np.random.default_rng(seed)
-    radius_m = generator.uniform(60, 100, num_particles)
-    bearing_rad = generator.uniform(0, 2 * np.pi, num_particles)
-    height_m = generator.uniform(np.maximum(-radius_m / 2, -45), np.minimum(radius_m / 2, 70))
-    level_m = np.sqrt(radius_m**2 - height_m**2)
-    place_m = np.stack([level_m * np.cos(bearing_rad), level_m * np.sin(bearing_rad), height_m], axis=1)
-    scale = np.array([1, 1, 0.4])
-    mode = generator.choice(3, num_particles, p=[0.3, 0.4, 0.3])
-    velocity_mps = limited(4 * scale * generator.standard_normal((num_particles, 3))) * (mode > 0)[:, None]
-    six = multivariate_normal(np.zeros(6), (1 - CORRELATION) * np.eye(6) + CORRELATION)
-    told = []
-    for levels_dbm, trackers_m, sample_s in observations:
-        changes = generator.random(num_particles) < 1 - np.exp(-0.5 * np.array([0.05, 0.2, 0.4])[mode])
-        likely = generator.random(num_particles) < 0.75
-        following = np.where(likely, np.array([1, 2, 1])[mode], np.array([2, 0, 0])[mode])
-        following = np.where(changes, following, mode)
-        spread_mps = 0.5 * np.array([0, 0.3, 3])[following]
-        spread_mps = np.where(changes & (mode == 0), 4, spread_mps)
-        gained_mps = spread_mps[:, None] * scale * generator.standard_normal((num_particles, 3))
-        new_mps = limited(velocity_mps + gained_mps) * (following > 0)[:, None]
-        place_m = place_m + 0.5 * (velocity_mps + new_mps) / 2
-        place_m[:, 2] = place_m[:, 2].clip(-45, 70)
-        mode, velocity_mps = following, new_mps
-        # Every sample at its own time and place: no pieces.
-        power = 0
-        for level_dbm, tracker_m, time_s in zip(levels_dbm, trackers_m, sample_s, strict=True):
-            then_m = place_m - velocity_mps * (sample_s[-1] - time_s)
-            power = power + 10 ** ((level_dbm - unfaded_dbm(then_m[:, None], tracker_m)) / 10)
-        fading = power / len(sample_s)
-        swarm_mps = (trackers_m[-1] - trackers_m[0]).mean(axis=0) / (sample_s[-1] - sample_s[0])
-        doppler_hz = np.maximum(np.linalg.norm(velocity_mps - swarm_mps, axis=1) * 10, 1)
-        lag_s = np.abs(sample_s[:, None] - sample_s)[np.triu_indices(len(sample_s), 1)]
-        bessel = j0(2 * np.pi * doppler_hz[:, None] * lag_s)
-        alike = ((bessel**2 + 6 * bessel) / 7).mean(axis=1).clip(0)
-        variance = 7 / 16 * (1 + 9 * alike) / 10
-        normal = (np.cbrt(fading) - 1 + variance[:, None] / 9) * 3 / np.sqrt(variance)[:, None]
-        log_weight = six.logpdf(normal) + (np.log(fading) / 3).sum(axis=1) - 3 * np.log(variance)
-        weight = np.exp(log_weight - log_weight.max())
-        chosen = generator.choice(num_particles, num_particles, p=weight / weight.sum())
-        place_m, velocity_mps, mode = place_m[chosen], velocity_mps[chosen], mode[chosen]
-        told.append([*place_m.mean(axis=0), np.log(np.sqrt(place_m.var(axis=0).sum()))])
-    return np.array(told)
-
-
-CORRELATION = (0.5**2 + 6 * 0.5) / 7
-
-
-def limited(velocity_mps):
-    """To 10 m/s."""
-    return velocity_mps * (10 / np.linalg.norm(velocity_mps, axis=1).clip(min=10))[:, None]
-
-
-@pytest.mark.parametrize("chase", [0, 1])
-def test_it_is_the_filter_written_once_more(monkeypatch, chase):
-    """Within Monte-Carlo error and what a kernel adds, a third of the belief's spread."""
-    scenario = dataclasses.replace(FLEEING, farthest_start_m=100.0)
-    monkeypatch.setattr(moving_particle, "KERNEL_WIDTH", 0.1)
-    controller, environment = MovingParticleController(scenario), Environment(scenario)
-    state, memory = environment.reset(chase_keys(1, 1, chase)), controller.begin(1, 1, chase)
-    observations = []
-    for _ in range(8):
-        observations.append(state.observation())
-        action, memory = controller.decide(observations[-1], memory)
-        state, _ = environment.step(state, action)
-    traces = [
-        (one.rssi_dbm[0].double().numpy(), one.tracker_position_m[0].numpy(), one.time_s[0].numpy())
-        for one in observations
-    ]
-    plain = np.stack([plain_belief(traces, 20_000, seed) for seed in range(3)])
-    memory, found = controller.begin(16, 2), []
-    for one in observations:
-        everyone = Observation(
-            one.rssi_dbm.expand(16, -1, -1), one.tracker_position_m.expand(16, -1, -1, -1), one.time_s.expand(16, -1)
-        )
-        _, memory = controller.decide(everyone, memory)
-        spread_m = memory.position_m.double().var(dim=2).sum(dim=1).sqrt()
-        found.append(torch.cat([memory.position_m.double().mean(dim=2), spread_m.log()[:, None]], dim=1).numpy())
-    found = np.stack(found, axis=1)
-    unit = np.exp(plain[..., 3].mean(axis=0))[:, None]
-    difference = found.mean(axis=0) - plain.mean(axis=0)
-    error = np.sqrt(found.var(axis=0, ddof=1) / 16 + plain.var(axis=0, ddof=1) / 3)
-    np.testing.assert_array_less(np.abs(difference[:, :3]) / unit, 4 * error[:, :3] / unit + 0.33)
-    np.testing.assert_array_less(np.abs(difference[:, 3]), 4 * error[:, 3] + 0.33)

@@ -33,7 +33,7 @@ from ..batch.selection import join_chases, select_chases
 from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.propagation import reference_dbm
 from ..formation import Action, displacement_towards
-from ..observation import NEPERS_PER_DB, Observation, center_m, checked_observation, mean_power_dbm
+from ..observation import NEPERS_PER_DB, Observation, center_m, checked_observation, mean_power_dbm, sample_age_s
 from ..scenario import NUM_TRACKERS, SPEED_OF_LIGHT_MPS, Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
@@ -78,8 +78,6 @@ LEAST_LOG_LIKELIHOOD = -1e6
 """Lower ones count as this: where all particles are impossible, they are equally so."""
 NEAREST_M = 1.0
 """After beginning anew distances are log-uniform between this and the farthest start."""
-LONGEST_S = 60.0
-"""A longer time between two decisions counts as this."""
 
 
 @dataclass(frozen=True)
@@ -165,16 +163,7 @@ class MovingParticleController:
         self, memory: MovingParticleMemory, observation: Observation
     ) -> tuple[MovingParticleMemory, Float[Tensor, "chase sample"]]:
         """The particles when the last sample was taken, and how long before that each was."""
-        num_chases, num_samples = observation.rssi_dbm.shape[:2]
-        if observation.time_s is None:
-            age_s = torch.arange(num_samples - 1, -1, -1, dtype=torch.float64).expand(num_chases, -1)
-            age_s = age_s / self._scenario.sampling_hz
-            time_s = memory.time_s.nan_to_num(nan=0.0) + num_samples / self._scenario.sampling_hz
-        else:
-            time_s = observation.time_s[:, -1].double()
-            age_s = (time_s[:, None] - observation.time_s.double()).nan_to_num(nan=0.0).clamp(0.0, LONGEST_S)
-        lasted_s = time_s - memory.time_s
-        lasted_s = torch.where(lasted_s.isfinite(), lasted_s, self._scenario.decision_s).clamp(0.0, LONGEST_S)
+        time_s, lasted_s, age_s = sample_age_s(observation, self._scenario, memory.time_s)
         return replace(self._predicted(memory, lasted_s.float()[:, None]), time_s=time_s), age_s
 
     def _predicted(self, memory: MovingParticleMemory, lasted_s: Float[Tensor, "chase 1"]) -> MovingParticleMemory:
