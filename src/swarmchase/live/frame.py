@@ -10,7 +10,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from ..controllers.explanation import Explanation
+from ..controllers.explanation import Explanation, FoundChannel
 from .alarms import Alarm, condition_of, severity_of
 from .estimate import EstimateFrame, estimate_of
 from .events import Event, Events
@@ -99,6 +99,21 @@ class DecisionFrame(TypedDict):
     """How much speaks for each choice of spacing, x, y, z: ``Explanation.choice_share``."""
 
 
+class ChannelFrame(TypedDict):
+    """What the controller has found out about channel and receivers: ``FoundChannel``."""
+
+    power_db: float
+    """Transmit power above what was told."""
+    exponent: float
+    offset_db: list[float]
+    """Of each receiver."""
+    left_out: list[str | None]
+    """Why each receiver counts for nothing or little: silent, stuck, wrong; null where it counts."""
+    fading_db: float
+    shadowing_db: float
+    """0 where there is none."""
+
+
 class Frame(TypedDict):
     """The chase at one moment."""
 
@@ -131,6 +146,8 @@ class Frame(TypedDict):
     """What has happened until now, besides routine, oldest first; of very many the newest."""
     estimate: EstimateFrame | None
     """Where the controller takes the target to be; null where it does not say so."""
+    channel: ChannelFrame | None
+    """What the controller has found out about the radio; null where it does not say so."""
     ended_s: float | None
     """When the chase was reached, lost or aborted, since the service was started."""
     preflight: list[PreflightFrame]
@@ -169,6 +186,7 @@ def frame_of(
         alarms=[_alarm(alarm) for alarm in events.alarms],
         events=[_event(event, began_ns) for event in events.newest],
         estimate=estimate_of(belief_m, snapshot.center_m),
+        channel=None if explanation is None or explanation.found is None else _channel(explanation.found),
         ended_s=None if ended_ns is None else _seconds(ended_ns, began_ns),
         preflight=[_check(check) for check in snapshot.preflight],
     )
@@ -201,6 +219,17 @@ def _decision(decision: Decision, explanation: Explanation | None) -> DecisionFr
         displacement_m=list(decision.displacement_m),
         changed=decision.changed,
         choice_share=None if share is None else [[round(one, 4) for one in row] for row in share.tolist()],
+    )
+
+
+def _channel(found: FoundChannel) -> ChannelFrame:
+    return ChannelFrame(
+        power_db=round(found.power_db, 1),
+        exponent=round(found.exponent, 2),
+        offset_db=[round(one_db, 1) for one_db in found.offset_db],
+        left_out=list(found.left_out),
+        fading_db=round(found.fading_db, 1),
+        shadowing_db=round(found.shadowing_db, 1),
     )
 
 

@@ -430,8 +430,8 @@ def changed_head(**changes: Any) -> bytes:
         (HEAD_TOPIC, b"\xff", "a message is no JSON"),
         (HEAD_TOPIC, b"[" * 200_000, "a message is no JSON"),
         (HEAD_TOPIC, b"9" * 5_000, "a message is no JSON"),
-        (HEAD_TOPIC, changed_head(layout=3), "its layout is 3; this version reads 1 to 2"),
-        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 2"),
+        (HEAD_TOPIC, changed_head(layout=4), "its layout is 4; this version reads 1 to 3"),
+        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 3"),
         (HEAD_TOPIC, changed_head(scenario={"window_samples": -1}), "window_samples = -1 is refused"),
         (HEAD_TOPIC, changed_head(scenario={"gravity": 9.81}), "scenario has no field 'gravity'"),
         (HEAD_TOPIC, changed_head(limits={"mood": 1.0}), "there is no limit 'mood'"),
@@ -505,6 +505,15 @@ def test_a_log_of_the_layout_before_is_read() -> None:
     assert last["estimate"]["radius_m"] is None  # of one point
     assert [tracker["condition"] for tracker in last["trackers"]] == ["there", "there", "silent", *["there"] * 3]
     assert {tracker["left_out"] for tracker in last["trackers"]} == {""}
+
+
+def test_a_log_that_does_not_say_what_the_radio_was_found_to_be_is_read() -> None:
+    """Of version 0.4.0 before ``adaptive``: 7 s of a simulated chase."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-2.mcap")
+    frames = list(recording.frames())
+    assert (recording.layout, len(frames)) == (2, recording.num_frames)
+    assert {frame["channel"] for frame in frames} == {None}
+    assert frames[-1]["movements"] > 0
 
 
 @pytest.mark.parametrize(

@@ -477,6 +477,16 @@ def test_who_has_no_belief_says_so(chromium: Any, controller: str) -> None:
         assert not re.search("NaN|undefined|null|Infinity", window.text("body"))
 
 
+def test_what_adaptive_finds_out_of_the_radio_is_told(chromium: Any) -> None:
+    chase = recorded(24.0, with_target=False, controller="adaptive", faults="wrong=3@0")
+    with looked_back(chromium, chase, 0.3) as window:
+        window.hides("#channel-figure")
+        window.goes_to(23.0)
+        window.shows("#channel", re.compile(r"power [+−]?\d+\.\d dB · exponent \d\.\d · fading \d\.\d dB"))
+        window.shows("#channel", re.compile(r"(east|west|north|south|up|down) wrong"))
+        assert not re.search("NaN|undefined|null|Infinity", window.text("body"))
+
+
 def test_an_estimate_needs_no_simulation(chromium: Any) -> None:
     chase = recorded(8.0, with_target=False, controller="multilateration")
     with looked_back(chromium, chase, 7.5) as window:

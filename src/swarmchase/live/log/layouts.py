@@ -1,5 +1,6 @@
 """Frames of older logs, made into those of this version: what they did not say is not known."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,21 @@ from ..estimate import estimate_of
 _UNSAID = {"left_out": "", "notices": [], "dropped": {}}
 
 
-def renewed_frame(frame: Any) -> Any:
+def renewal(layout: int) -> Callable[[Any], Any] | None:
+    """What makes a frame of this layout one of this version; None where it is one."""
+    return {1: _with_events, 2: _with_channel}.get(layout)
+
+
+def _with_channel(frame: Any) -> Any:
+    """A frame of layout 2: it did not say what the radio was found to be.
+
+    Raises:
+        TypeError: it is no such frame.
+    """
+    return frame | {"channel": None}
+
+
+def _with_events(frame: Any) -> Any:
     """A frame of layout 1: its alarms were lines, and it had no events.
 
     Raises:
@@ -18,7 +33,7 @@ def renewed_frame(frame: Any) -> Any:
     """
     belief_m = frame["belief_m"] and np.array(frame["belief_m"], dtype=np.float64).reshape(-1, 3)
     center_m = frame["center_m"] and tuple(frame["center_m"])
-    return frame | {
+    return _with_channel(frame) | {
         "trackers": [tracker | {"condition": _condition(tracker)} | _UNSAID for tracker in frame["trackers"]],
         "alarms": [{"text": text, "severity": Severity.WARNING.value, "tracker": None} for text in frame["alarms"]],
         "events": [],

@@ -27,7 +27,7 @@ from .entries import (
     head_of,
     transition_of,
 )
-from .layouts import renewed_frame
+from .layouts import renewal
 from .mcap_messages import CutError, LogMessage, messages
 
 MOST_ENTRY_BYTES = 512 * 2**20
@@ -81,7 +81,7 @@ class Recording:
         Raises:
             InputError: the file cannot be read any more, or a frame has another form.
         """
-        renew = renewed_frame if self.layout == 1 else None
+        renew = renewal(self.layout)
         try:
             for message in messages(self.path):
                 if message.topic == FRAME_TOPIC:

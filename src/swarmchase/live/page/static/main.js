@@ -3,6 +3,7 @@
 import { STALE_S, hasEnded, metres, number, setText } from "./format.js";
 import { showConnection, showInfo, showState } from "./header.js";
 import { Alarms } from "./alarms.js";
+import { channelInWords } from "./channel.js";
 import { DecisionPanel } from "./decision.js";
 import { estimateInWords } from "./estimate.js";
 import { Events } from "./events.js";
@@ -121,6 +122,8 @@ function draw() {
   result.draw(shown);
   preflight.draw(shown, info?.is_live ?? false);
   setText($("estimate"), estimateInWords(shown));
+  $("channel-figure").hidden = !shown.channel;
+  if (shown.channel) setText($("channel"), channelInWords(shown.channel));
   scene?.draw(shown);
   setText($("center"), `${metres(shown.center_m)} m`);
   setText($("spacing"), `${number(shown.spacing_m)} m`);
