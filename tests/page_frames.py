@@ -148,6 +148,12 @@ def troubled_chase() -> RecordedChase:
 
 
 @functools.cache
+def misheard_chase() -> RecordedChase:
+    """Tracker 3 hears 20 dB too much, and ``adaptive`` finds out."""
+    return recorded(24.0, with_target=False, controller="adaptive", faults="wrong=3@0")
+
+
+@functools.cache
 def wordless_chase(controller: str, action_choice: ActionChoice | None = None) -> RecordedChase:
     """The first decisions of a controller that has no belief, with real trackers."""
     return recorded(20.0, with_target=False, controller=controller, action_choice=action_choice)

@@ -11,7 +11,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 pytest.importorskip("mcap", reason="the log needs mcap: pip install 'swarmchase[live]'")
 
 from live_bench import Bench
-from page_frames import ShownChase, ordinary_chase, troubled_chase
+from page_frames import ShownChase, misheard_chase, ordinary_chase, troubled_chase
 from swarmchase.controllers.condition import Condition
 from swarmchase.live.alarms import Alarms, Severity
 from swarmchase.live.audience import Audience, AudienceOptions
@@ -96,6 +96,14 @@ def test_rejections_are_told_again_after_a_pause() -> None:
     )
     assert run_to(61.0)[2] == "no datagram has been rejected for 10 s"
     assert re.fullmatch(r"rejected 6 more \(0\.1 a second\): malformed", run_to(61.0)[-1])
+
+
+def test_a_receiver_that_the_controller_does_not_count_is_named_with_the_reason() -> None:
+    """A real chase in which tracker 3 hears 20 dB too much; the page and the log have the same lines."""
+    chase = misheard_chase()
+    text = "the controller leaves out what tracker 3 hears: its receiver is wrong"
+    assert text in [alarm["text"] for alarm in chase.frames[-1]["alarms"]]
+    assert text in [event["text"] for event in chase.frames[-1]["events"]]
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,7 @@ class Alarms:
             *_of_state(snapshot),
             *(alarm for number, one in enumerate(snapshot.trackers) for alarm in _of_tracker(number, one, snapshot)),
             *_of_controller(snapshot),
+            *_of_receivers(snapshot),
             *_of_safety_filter(snapshot),
             *self._of_preflight(snapshot),
             *self._of_rejections(snapshot.time_ns),
@@ -197,6 +198,21 @@ def _of_controller(snapshot: Snapshot) -> Iterator[Alarm]:
     elif snapshot.condition is Condition.DEAF:
         text = "the controller has heard nothing in the last window"
         yield Alarm("controller", text, over="the controller hears the target again")
+
+
+def _of_receivers(snapshot: Snapshot) -> Iterator[Alarm]:
+    """Who counts for nothing with the controller, though it reports; a silent one is told of otherwise."""
+    found = None if snapshot.explanation is None else snapshot.explanation.found
+    if found is None or snapshot.state not in UNDER_WAY:
+        return
+    for number, reason in enumerate(found.left_out):
+        if reason not in (None, "silent"):
+            yield Alarm(
+                f"receiver of {number}",
+                f"the controller leaves out what tracker {number} hears: its receiver is {reason}",
+                tracker=number,
+                over=f"the controller counts what tracker {number} hears again",
+            )
 
 
 def _of_safety_filter(snapshot: Snapshot) -> Iterator[Alarm]:

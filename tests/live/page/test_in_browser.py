@@ -17,6 +17,7 @@ from page_frames import (
     NARROW,
     TROUBLE,
     RecordedChase,
+    misheard_chase,
     ordinary_chase,
     recorded,
     troubled_chase,
@@ -478,7 +479,7 @@ def test_who_has_no_belief_says_so(chromium: Any, controller: str) -> None:
 
 
 def test_what_adaptive_finds_out_of_the_radio_is_told(chromium: Any) -> None:
-    chase = recorded(24.0, with_target=False, controller="adaptive", faults="wrong=3@0")
+    chase = misheard_chase()
     with looked_back(chromium, chase, 0.3) as window:
         window.hides("#channel-figure")
         window.goes_to(23.0)
