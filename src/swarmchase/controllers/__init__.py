@@ -13,6 +13,7 @@ from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, Hearin
 from ..networks.weights import checked_weights, read_weights, shared_weights
 from ..ranges import shown
 from ..scenario import Scenario
+from .adaptive_in_flight import AdaptiveInFlightController
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
 from .moving_particle import MovingParticleController
@@ -42,7 +43,14 @@ def _particle(scenario: Scenario) -> Controller:
     return MovingParticleController(scenario) if in_flight else ParticleController(scenario)
 
 
+def _adaptive(scenario: Scenario) -> Controller:
+    """The one for the scenario's pace."""
+    in_flight = scenario.pace == "listen_in_flight"
+    return AdaptiveInFlightController(scenario) if in_flight else ParticleController(scenario)
+
+
 _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
+    "adaptive": _adaptive,
     "particle": _particle,
     "particle-unknown-power": partial(ParticleController, name="particle-unknown-power", power_is_known=False),
     "multilateration": MultilaterationController,

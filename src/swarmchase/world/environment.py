@@ -12,7 +12,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
-from ..formation import TRACKER_DIRECTION, Action, tracker_position_m
+from ..formation import TRACKER_DIRECTION, Action, tracker_position_m, turned_direction
 from ..observation import Observation
 from ..scenario import Scenario
 from .behaviours import load_behaviour
@@ -38,6 +38,8 @@ class State:
     """How it flies."""
     spacing_m: Float[Tensor, "chase"]
     """d_t, distance of every tracker from the centre."""
+    turned_rad: Float[Tensor, "chase"] | None
+    """How far the trackers' cross has turned since the chase began; None where trackers stop to listen."""
     rssi_dbm: Float[Tensor, "chase sample tracker"]
     """S_t, the window heard since the last decision, float32."""
     sample_time_s: Float[Tensor, "chase sample"]
@@ -45,7 +47,9 @@ class State:
     sample_center_m: Float[Tensor, "chase place 3"]
     """where the centre was,"""
     sample_spacing_m: Float[Tensor, "chase place"]
-    """and how far from it the trackers were."""
+    """how far from it the trackers were,"""
+    sample_turned_rad: Float[Tensor, "chase place"] | None
+    """and how far their cross had turned since the chase began; None where trackers stop to listen."""
     time_s: Float[Tensor, "chase"]
     """Since the chase began."""
     movements: Int[Tensor, "chase"]
@@ -66,7 +70,7 @@ class State:
 
     def observation(self) -> Observation:
         """What a controller may see of it."""
-        places_m = _trackers_m(self.sample_center_m, self.sample_spacing_m)
+        places_m = _trackers_m(self.sample_center_m, self.sample_spacing_m, self.sample_turned_rad)
         return Observation(self.rssi_dbm, places_m.expand(-1, self.rssi_dbm.shape[1], -1, -1), self.sample_time_s)
 
 
@@ -109,7 +113,15 @@ class Environment:
         hovering = Swarm(torch.zeros_like(start_m), torch.zeros_like(start_m))
         leg = self._pace.begin(self._behaviour.begin(keys, start_m), hovering, spacing_m)
         nothing = torch.zeros(len(keys), dtype=torch.int64, device=self._device)
-        return self._after(leg, spacing_m, nothing, leg.path_length_m, leg.least_distance_m, self._radio.begin(keys))
+        return self._after(
+            leg,
+            spacing_m,
+            self._turned(None, leg, None),
+            nothing,
+            leg.path_length_m,
+            leg.least_distance_m,
+            self._radio.begin(keys),
+        )
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
         """Carry out one action in every chase: act, fly, listen, judge.
@@ -123,31 +135,55 @@ class Environment:
         path_length_m = state.path_length_m + leg.path_length_m
         least_distance_m = torch.minimum(state.least_distance_m, leg.least_distance_m)
         following = self._after(
-            leg, action.spacing_m, state.movements + 1, path_length_m, least_distance_m, state.radio
+            leg,
+            action.spacing_m,
+            self._turned(state.turned_rad, leg, action.turn_rad),
+            state.movements + 1,
+            path_length_m,
+            least_distance_m,
+            state.radio,
         )
         return following, self._outcome(state, following)
+
+    def _turned(
+        self, before_rad: Float[Tensor, "chase"] | None, leg: Leg, turn_rad: Float[Tensor, "chase"] | None
+    ) -> tuple[Float[Tensor, "chase"], Float[Tensor, "chase place"]] | None:
+        """How far the cross has turned at the end of a leg, and at its samples; None where trackers stop to listen."""
+        if self.scenario.pace == "stop_and_listen":
+            return None
+        if before_rad is None:
+            before_rad = torch.zeros_like(leg.time_s)
+        if turn_rad is None:
+            return before_rad, before_rad[:, None].expand_as(leg.sample_time_s)
+        left_s = leg.time_s[:, None] - leg.sample_time_s
+        after_rad = before_rad + turn_rad
+        return after_rad, after_rad[:, None] - turn_rad[:, None] * (left_s / self.scenario.decision_s).clamp(0.0, 1.0)
 
     def _after(
         self,
         leg: Leg,
         spacing_m: Float[Tensor, "chase"],
+        turned_rad: tuple[Float[Tensor, "chase"], Float[Tensor, "chase place"]] | None,
         movements: Int[Tensor, "chase"],
         path_length_m: Float[Tensor, "chase"],
         least_distance_m: Float[Tensor, "chase"],
         radio: RadioState,
     ) -> State:
-        """Listen on a leg."""
-        trackers_m = _trackers_m(leg.sample_center_m, leg.sample_spacing_m)
+        """Listen on a leg; ``turned_rad`` is that at its end and that at its samples."""
+        end_rad, sample_rad = turned_rad or (None, None)
+        trackers_m = _trackers_m(leg.sample_center_m, leg.sample_spacing_m, sample_rad)
         rssi_dbm, radio = self._radio.heard_dbm(radio, leg.sample_time_s, leg.sample_target_m, trackers_m)
         return State(
             target=leg.target,
             center_m=leg.center_m,
             center_velocity_mps=leg.velocity_mps,
             spacing_m=spacing_m,
+            turned_rad=end_rad,
             rssi_dbm=rssi_dbm,
             sample_time_s=leg.sample_time_s,
             sample_center_m=leg.sample_center_m,
             sample_spacing_m=leg.sample_spacing_m,
+            sample_turned_rad=sample_rad,
             time_s=leg.time_s,
             movements=movements,
             path_length_m=path_length_m,
@@ -175,10 +211,14 @@ class Environment:
 
 
 def _trackers_m(
-    center_m: Float[Tensor, "chase place 3"], spacing_m: Float[Tensor, "chase place"]
+    center_m: Float[Tensor, "chase place 3"],
+    spacing_m: Float[Tensor, "chase place"],
+    turned_rad: Float[Tensor, "chase place"] | None,
 ) -> Float[Tensor, "chase place tracker 3"]:
     """Where the trackers are around each place of their centre."""
-    return center_m[:, :, None] + spacing_m[:, :, None, None] * TRACKER_DIRECTION.to(center_m.device)
+    unturned = TRACKER_DIRECTION.to(center_m.device)
+    direction = unturned if turned_rad is None else turned_direction(turned_rad)
+    return center_m[:, :, None] + spacing_m[:, :, None, None] * direction
 
 
 def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
