@@ -28,6 +28,10 @@ EXPONENT_SPREAD = 0.4
 LEAST_EXPONENT, MOST_EXPONENT = 1.5, 5.0
 REMEMBERED_S = 100.0
 """So long what was heard counts for power and offsets, before it has faded to 1 / e."""
+FEWEST_SHARE = 0.05
+"""Of the particles that must count after an interval; one that says more counts less, as if its noise were larger."""
+LEAST_SHARE = 0.01
+"""At least so much of an interval counts."""
 NOISE_PARTICLES = 50
 """So many of the particles say how fast the target may fly."""
 SURPRISES = 3
@@ -148,26 +152,34 @@ class AdaptiveInFlightController:
             observation, memory.position_m, memory.velocity_mps, memory.exponent, age_s
         )
         some = torch.arange(NOISE_PARTICLES) * NUM_PARTICLES // NOISE_PARTICLES
-        noise = self._levels.noise(observation, memory.velocity_mps[:, :, some], age_s)
+        noise = self._levels.noise(observation, memory.position_m[:, :, some], memory.velocity_mps[:, :, some], age_s)
         residual_db = residual_db - noise.bias_db[..., None]
-        root = torch.linalg.cholesky(noise.covariance_db2)
+        last_m = observation.tracker_position_m[:, -1].double()
+        moved_m = (last_m - memory.last_m).norm(dim=2).mean(dim=1).nan_to_num(nan=0.0)
+        memory = replace(memory, last_m=last_m)
+        before = self._receivers.log_evidence(memory.precision, memory.sums).logsumexp(dim=1)
+        heard, log_weight, surprise = self._heard(memory, residual_db, noise.covariance_db2, before, moved_m)
+        share = _share_to_take(log_weight)
+        if (share < 1).any():
+            covariance_db2 = noise.covariance_db2 / share[:, None, None]
+            heard, log_weight, _ = self._heard(memory, residual_db, covariance_db2, before, moved_m)
+        return heard, log_weight.clamp(min=LEAST_LOG_LIKELIHOOD), surprise > IMPROBABLE
+
+    def _heard(self, memory, residual_db, covariance_db2, before, moved_m):
+        root = torch.linalg.cholesky(covariance_db2)
         whiten = torch.linalg.inv(root)
         log_det = root.diagonal(dim1=1, dim2=2).log().sum(dim=1)
         inverse = whiten.mT @ whiten
-        before = self._receivers.log_evidence(memory.precision, memory.sums).logsumexp(dim=1)
         sums = torch.baddbmm(memory.sums, inverse.float(), residual_db)
         precision = memory.precision + inverse
         after = self._receivers.log_evidence(precision, sums).logsumexp(dim=1)
         squared = torch.bmm(whiten.float(), residual_db).square_().sum(dim=1)
         constant = after - before - squared / 2 - log_det.float()[:, None]
-        last_m = observation.tracker_position_m[:, -1].double()
-        moved_m = (last_m - memory.last_m).norm(dim=2).mean(dim=1).nan_to_num(nan=0.0)
         shadow_db, shadow_covariance_db2, shadowed = self._shadows.updated(
-            memory.shadow_db, memory.shadow_covariance_db2, moved_m, residual_db, noise.covariance_db2
+            memory.shadow_db, memory.shadow_covariance_db2, moved_m, residual_db, covariance_db2
         )
         joint = memory.log_share + torch.cat([constant[:, None], shadowed], dim=1)
         log_weight = joint.logsumexp(dim=1)
-        best = log_weight.amax(dim=1).double()
         memory = replace(
             memory,
             sums=sums,
@@ -175,9 +187,8 @@ class AdaptiveInFlightController:
             log_share=joint - log_weight[:, None],
             shadow_db=shadow_db,
             shadow_covariance_db2=shadow_covariance_db2,
-            last_m=last_m,
         )
-        return memory, log_weight.clamp(min=LEAST_LOG_LIKELIHOOD), -2 * (best + log_det) > IMPROBABLE
+        return memory, log_weight, -2 * (log_weight.amax(dim=1).double() + log_det)
 
     def _resampled(
         self, memory: InFlightBelief, weight: Float[Tensor, "chase particle"], center: Float[Tensor, "chase 3"]
@@ -283,6 +294,28 @@ def as_told(scenario: Scenario) -> Scenario:
         "garbage_share"
     )
     return replace(scenario, **{name: getattr(untold, name) for name in errors.split()})
+
+
+def _share_to_take(log_weight: Float[Tensor, "chase particle"]) -> Float[Tensor, "chase"]:
+    """The share of what was heard that leaves at least ``FEWEST_SHARE`` of the particles: 1 where all of it does."""
+    relative = log_weight - log_weight.amax(dim=1, keepdim=True)
+    fewest = FEWEST_SHARE * log_weight.shape[1]
+    low, high = torch.full_like(relative[:, :1], LEAST_SHARE), torch.ones_like(relative[:, :1])
+    share = high
+    if (_effective(relative) >= fewest).all():
+        return high[:, 0].double()
+    for _ in range(8):
+        leaves_enough = _effective(relative * share)[:, None] >= fewest
+        low, high = torch.where(leaves_enough, share, low), torch.where(leaves_enough, high, share)
+        share = (low * high).sqrt()
+        share = torch.where(low == 1, 1.0, share)
+    return low[:, 0].double()
+
+
+def _effective(log_weight: Float[Tensor, "chase particle"]) -> Float[Tensor, "chase"]:
+    """Number of particles that count."""
+    weight = log_weight.exp()
+    return weight.sum(dim=1).square() / weight.square().sum(dim=1)
 
 
 def _kernel(value: Float[Tensor, "chase k particle"], least: float) -> Float[Tensor, "chase k 1"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 
 from ..batch.array_types import Bool, Float, Tensor
-from ..channel.propagation import reference_dbm
+from ..channel.propagation import reference_dbm, slope_db
 from ..observation import NEPERS_PER_DB, Observation, mean_power_dbm
 from ..scenario import SPEED_OF_LIGHT_MPS, Scenario
 
@@ -19,6 +19,8 @@ MOST_PIECES = 5
 """Into so many pieces an interval is cut, in each of which trackers count as standing."""
 LEAST_SPREAD_DB = 0.3
 """Standard deviation of a tracker's mean power, at least: of what no model here says."""
+PLACE_ERROR_M = 0.3
+"""Standard deviation of a tracker's place: nobody knows it better, and close to the target it is what counts."""
 UNHEARD_DB2 = 1e8
 """Variance of what a tracker that has heard nothing says."""
 SPEED_STEP_MPS, NUM_SPEEDS = 0.02, 2000
@@ -95,6 +97,7 @@ class LevelResiduals:
     def noise(
         self,
         observation: Observation,
+        position_m: Float[Tensor, "chase 3 particle"],
         velocity_mps: Float[Tensor, "chase 3 particle"],
         age_s: Float[Tensor, "chase sample"],
     ) -> Noise:
@@ -126,7 +129,10 @@ class LevelResiduals:
         together = ~(deaf[:, :, None] | deaf[:, None])
         correlation = torch.full_like(variance[0], self._correlation).fill_diagonal_(1.0)
         covariance_db2 = torch.where(together, covariance_np2 * correlation / NEPERS_PER_DB**2, 0.0)
-        least_db2 = torch.where(deaf, UNHEARD_DB2, LEAST_SPREAD_DB**2)
+        away_m = position_m[:, None] - observation.tracker_position_m[:, -1].float()[..., None]
+        nearness = away_m.square().sum(dim=2).clamp(min=self._scenario.reference_distance_m**2).reciprocal()
+        misplaced_db2 = (slope_db(self._scenario) * PLACE_ERROR_M) ** 2 * nearness.double().mean(dim=2)
+        least_db2 = torch.where(deaf, UNHEARD_DB2, LEAST_SPREAD_DB**2 + misplaced_db2)
         bias_db = torch.where(deaf, 0.0, (shape.digamma() - shape.log()) / NEPERS_PER_DB)
         return Noise(covariance_db2 + torch.diag_embed(least_db2), bias_db.float())
 
