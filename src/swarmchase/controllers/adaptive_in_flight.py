@@ -19,7 +19,7 @@ from .shadow_models import STATES, ShadowModels
 from .target_motion import STILL, TargetMotion, each, length, slowed
 
 NUM_PARTICLES = 2500
-KERNEL_WIDTH = 0.25
+KERNEL_WIDTH = 0.4
 """Standard deviation of the kernel in those of the belief."""
 LEAST_KERNEL_M = 0.1
 LEAST_KERNEL_MPS = 0.05
@@ -28,7 +28,7 @@ EXPONENT_SPREAD = 0.4
 LEAST_EXPONENT, MOST_EXPONENT = 1.5, 5.0
 REMEMBERED_S = 100.0
 """So long what was heard counts for power and offsets, before it has faded to 1 / e."""
-FEWEST_SHARE = 0.05
+FEWEST_SHARE = 0.15
 """Of the particles that must count after an interval; one that says more counts less, as if its noise were larger."""
 LEAST_SHARE = 0.01
 """At least so much of an interval counts."""
