@@ -24,7 +24,8 @@ KERNEL_WIDTH = 0.4
 LEAST_KERNEL_M = 0.1
 LEAST_KERNEL_MPS = 0.05
 EXPONENT_TOLD_SHARE = 0.7
-EXPONENT_SPREAD = 0.4
+EXPONENT_NEAR, EXPONENT_SPREAD = 0.03, 0.4
+LEAST_KERNEL_EXPONENT = 0.02
 LEAST_EXPONENT, MOST_EXPONENT = 1.5, 5.0
 REMEMBERED_S = 100.0
 """So long what was heard counts for power and offsets, before it has faded to 1 / e."""
@@ -32,6 +33,8 @@ FEWEST_SHARE = 0.15
 """Of the particles that must count after an interval; one that says more counts less, as if its noise were larger."""
 LEAST_SHARE = 0.01
 """At least so much of an interval counts."""
+CHANNEL_LASTS_S = 60.0
+"""So long on average errors are constant, or shadowing's, before they may be of another kind."""
 NOISE_PARTICLES = 50
 """So many of the particles say how fast the target may fly."""
 SURPRISES = 3
@@ -141,10 +144,16 @@ class AdaptiveInFlightController:
             position_m=position_m,
             velocity_mps=velocity_mps,
             mode=mode,
+            log_share=self._mixed(memory.log_share, lasted_s),
             sums=memory.sums * kept.float()[:, None, None],
             precision=memory.precision * kept[:, None, None],
             time_s=time_s,
         ), age_s
+
+    def _mixed(self, log_share, lasted_s):
+        """What is true of the channel may change."""
+        changed = -torch.expm1(-lasted_s / CHANNEL_LASTS_S).float()[:, None, None]
+        return torch.logaddexp(log_share + torch.log1p(-changed), self._start_log_share + changed.log())
 
     def _weighed(self, memory: InFlightBelief, observation: Observation, age_s: Float[Tensor, "chase sample"]):
         """The memory with what was heard in it, the log weights, and where all particles are improbable."""
@@ -176,7 +185,7 @@ class AdaptiveInFlightController:
         squared = torch.bmm(whiten.float(), residual_db).square_().sum(dim=1)
         constant = after - before - squared / 2 - log_det.float()[:, None]
         shadow_db, shadow_covariance_db2, shadowed = self._shadows.updated(
-            memory.shadow_db, memory.shadow_covariance_db2, moved_m, residual_db, covariance_db2
+            memory.shadow_db, memory.shadow_covariance_db2, moved_m, memory.last_m, residual_db, covariance_db2
         )
         joint = memory.log_share + torch.cat([constant[:, None], shadowed], dim=1)
         log_weight = joint.logsumexp(dim=1)
@@ -226,8 +235,7 @@ class AdaptiveInFlightController:
         moved_m = moved_m * (farther_m.clamp(min=0.0) / length(moved_m).clamp(min=1e-3))
         moved_mps = velocity_mps + normal[:, 4:7] * _kernel(velocity_mps, LEAST_KERNEL_MPS)
         flies = copy & (mode != STILL)
-        varies = copy & (exponent != self._scenario.path_loss_exponent)
-        other = (exponent + normal[:, 7] * _kernel(exponent[:, None], 0.01)[:, 0]).clamp(LEAST_EXPONENT, MOST_EXPONENT)
+        other = (exponent + normal[:, 7] * _kernel(exponent[:, None], LEAST_KERNEL_EXPONENT)[:, 0]).clamp(LEAST_EXPONENT, MOST_EXPONENT)
         return replace(
             memory,
             position_m=torch.where(
@@ -235,7 +243,7 @@ class AdaptiveInFlightController:
             ),
             velocity_mps=torch.where(flies[:, None], slowed(moved_mps), velocity_mps),
             mode=mode,
-            exponent=torch.where(varies, other, exponent),
+            exponent=torch.where(copy, other, exponent),
             sums=sums.contiguous(),
             log_share=log_share.contiguous(),
             shadow_db=shadow_db.reshape(shadow),
@@ -262,7 +270,7 @@ class AdaptiveInFlightController:
         told = self._scenario.path_loss_exponent
         drawn = streams.standard_normal(NUM_PARTICLES)
         wide = streams.uniform(NUM_PARTICLES) >= EXPONENT_TOLD_SHARE
-        exponent = torch.where(wide, told + EXPONENT_SPREAD * drawn, told).clamp(LEAST_EXPONENT, MOST_EXPONENT)
+        exponent = (told + torch.where(wide, EXPONENT_SPREAD, EXPONENT_NEAR) * drawn).clamp(LEAST_EXPONENT, MOST_EXPONENT)
         nothing = torch.zeros(num_chases, dtype=torch.int64)
         num_shadows = len(self._shadows.models)
         return InFlightBelief(

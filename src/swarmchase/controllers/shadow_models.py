@@ -31,8 +31,8 @@ class ShadowModel:
 
 
 SHADOW_MODELS = (
-    ShadowModel("light shadowing", 0.05, 3.0, 20.0),
-    ShadowModel("shadowing", 0.05, 6.0, 10.0),
+    ShadowModel("light shadowing", 0.05, 3.0, 12.0),
+    ShadowModel("shadowing", 0.05, 6.0, 12.0),
 )
 
 
@@ -42,19 +42,19 @@ class ShadowModels:
     def __init__(self, models: tuple[ShadowModel, ...] = SHADOW_MODELS) -> None:
         self.models = models
         self._distance_m = torch.tensor([model.distance_m for model in models], dtype=torch.float64)
-        alike = torch.full((NUM_TRACKERS, NUM_TRACKERS), COMMON_SHARE, dtype=torch.float64).fill_diagonal_(1.0)
         spread_db = torch.tensor([model.spread_db for model in models], dtype=torch.float64)
-        self._error_db2 = spread_db.square()[:, None, None] * alike
+        self._variance_db2 = spread_db.square()[:, None, None]
         constants_db2 = UNKNOWN_POWER_DB**2 + UNEQUAL_DB**2 * torch.eye(NUM_TRACKERS, dtype=torch.float64)
         self.start_db2 = torch.zeros(len(models), STATES, STATES, dtype=torch.float64)
         self.start_db2[:, :NUM_TRACKERS, :NUM_TRACKERS] = constants_db2
-        self.start_db2[:, NUM_TRACKERS:, NUM_TRACKERS:] = self._error_db2
+        self.start_db2[:, NUM_TRACKERS:, NUM_TRACKERS:] = self._variance_db2
 
     def updated(
         self,
         mean_db: Float[Tensor, "chase model state particle"],
         covariance_db2: Float[Tensor, "chase model state state"],
         moved_m: Float[Tensor, "chase"],
+        tracker_m: Float[Tensor, "chase tracker 3"],
         residual_db: Float[Tensor, "chase tracker particle"],
         noise_db2: Float[Tensor, "chase tracker tracker"],
     ) -> tuple[
@@ -68,7 +68,7 @@ class ShadowModels:
         factor = torch.ones(num_chases, num_models, STATES, dtype=torch.float64)
         factor[..., NUM_TRACKERS:] = kept[..., None]
         before = covariance_db2 * factor[..., None] * factor[..., None, :]
-        before[..., NUM_TRACKERS:, NUM_TRACKERS:] += (1 - kept.square())[..., None, None] * self._error_db2
+        before[..., NUM_TRACKERS:, NUM_TRACKERS:] += (1 - kept.square())[..., None, None] * self._error_db2(tracker_m)
         heard = before[..., :NUM_TRACKERS] + before[..., NUM_TRACKERS:]
         spread = heard[..., :NUM_TRACKERS, :] + heard[..., NUM_TRACKERS:, :] + noise_db2[:, None]
         root = torch.linalg.cholesky((spread + spread.mT) / 2)
@@ -86,3 +86,9 @@ class ShadowModels:
         squared = white.square_().sum(dim=1).view(num_chases, num_models, num_particles)
         log_det = root.diagonal(dim1=2, dim2=3).log().sum(dim=2).float()
         return mean_db, (after + after.mT) / 2, squared.mul_(-0.5).sub_(log_det[..., None])
+
+    def _error_db2(self, tracker_m: Float[Tensor, "chase tracker 3"]) -> Float[Tensor, "chase model tracker tracker"]:
+        """Covariance of the errors of trackers at these places."""
+        apart_m = (tracker_m[:, :, None] - tracker_m[:, None]).norm(dim=3)
+        alike = (-apart_m[:, None] / self._distance_m[:, None, None]).exp()
+        return self._variance_db2 * (COMMON_SHARE + (1 - COMMON_SHARE) * alike)
