@@ -35,8 +35,7 @@ def tracker_position_m(
 
 
 def turned_direction(turned_rad: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch tracker 3"]:
-    """``TRACKER_DIRECTION`` of a cross that has turned so far about its vertical; of one that has not, to the last bit.
-    """
+    """``TRACKER_DIRECTION`` of a cross that has turned so far about its vertical; exactly that of one that has not."""
     cos, sin = turned_rad.cos()[..., None], turned_rad.sin()[..., None]
     x, y, z = TRACKER_DIRECTION.to(turned_rad.device).unbind(dim=1)
     return torch.stack([x * cos - y * sin, x * sin + y * cos, z.expand_as(x * cos)], dim=-1)

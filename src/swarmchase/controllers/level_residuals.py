@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import torch
 
-from ..batch.array_types import Bool, Float, Tensor
+from ..batch.array_types import Float, Tensor
 from ..channel.propagation import reference_dbm, slope_db
 from ..observation import NEPERS_PER_DB, Observation, mean_power_dbm
-from ..scenario import SPEED_OF_LIGHT_MPS, Scenario
+from ..scenario import Scenario
+from .sample_likeness import SampleLikeness, correlation_of_powers, variance_of_power
 
 MOST_PIECES = 5
 """Into so many pieces an interval is cut, in each of which trackers count as standing."""
@@ -23,8 +24,6 @@ PLACE_ERROR_M = 0.3
 """Standard deviation of a tracker's place: nobody knows it better, and close to the target it is what counts."""
 UNHEARD_DB2 = 1e8
 """Variance of what a tracker that has heard nothing says."""
-SPEED_STEP_MPS, NUM_SPEEDS = 0.02, 2000
-"""Speeds of target and tracker against each other for which the fading is tabulated."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ class LevelResiduals:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._alike_of: dict[int, Tensor] = {}
-        self._correlation = _correlation_of_powers(scenario)
+        self._likeness = SampleLikeness(scenario)
+        self._correlation = correlation_of_powers(scenario)
 
     def residual_db(
         self,
@@ -110,17 +109,13 @@ class LevelResiduals:
         flown_m = (observation.tracker_position_m[:, -1] - observation.tracker_position_m[:, 0]).double()
         tracker_mps = (flown_m / lasted_s).float()
         speed_mps = (velocity_mps[:, None] - tracker_mps[..., None]).square().sum(dim=2).sqrt()
-        step = (speed_mps / SPEED_STEP_MPS).round_().clamp_(max=NUM_SPEEDS - 1).long()
-        table = self._alike(observation.rssi_dbm.shape[1])
-        alike = table[step].double().mean(dim=2)
+        alike = self._likeness.alike(speed_mps, observation.rssi_dbm.shape[1]).double().mean(dim=2)
         heard = observation.rssi_dbm.isfinite().double()
         number = heard.sum(dim=1)
         both = heard.transpose(1, 2) @ heard
         pairs = (number[:, :, None] * number[:, None]).clamp(min=1.0)
         between = (alike[:, :, None] + alike[:, None]) / 2
-        k = self._scenario.rician_k
-        one = (2 * k + 1) / (k + 1) ** 2
-        variance = one * (between + (1 - between) * both / pairs)
+        variance = variance_of_power(self._scenario) * (between + (1 - between) * both / pairs)
         own = variance.diagonal(dim1=1, dim2=2)
         shape = 1 / own
         spread_np2 = torch.polygamma(1, shape) / own
@@ -135,36 +130,3 @@ class LevelResiduals:
         least_db2 = torch.where(deaf, UNHEARD_DB2, LEAST_SPREAD_DB**2 + misplaced_db2)
         bias_db = torch.where(deaf, 0.0, (shape.digamma() - shape.log()) / NEPERS_PER_DB)
         return Noise(covariance_db2 + torch.diag_embed(least_db2), bias_db.float())
-
-    def _alike(self, num_samples: int) -> Float[Tensor, "speed"]:
-        """The mean correlation between the powers of two different samples of an interval, speed by speed.
-
-        Two samples are correlated like (J0(x)^2 + 2 K J0(x)) / (1 + 2 K), x being 2 pi times the wavelengths that
-        target and tracker have flown against each other between them. A negative mean counts as none: it takes a speed
-        that is exactly even.
-        """
-        if num_samples not in self._alike_of:
-            scenario = self._scenario
-            speed_mps = torch.arange(NUM_SPEEDS, dtype=torch.float64) * SPEED_STEP_MPS
-            doppler_hz = (speed_mps * scenario.carrier_hz / SPEED_OF_LIGHT_MPS).clamp(min=scenario.doppler_spread_hz)
-            lag = torch.arange(1, num_samples, dtype=torch.float64)
-            bessel = torch.special.bessel_j0(2 * math.pi * doppler_hz[:, None] * lag / scenario.sampling_hz)
-            alike = (bessel.square() + 2 * scenario.rician_k * bessel) / (1 + 2 * scenario.rician_k)
-            pairs = num_samples - lag
-            mean = (alike * pairs).sum(dim=1) / pairs.sum().clamp(min=1)
-            self._alike_of[num_samples] = mean.clamp(min=0.0).float()
-        return self._alike_of[num_samples]
-
-
-def deaf_chases(observation: Observation) -> Bool[Tensor, "chase"]:
-    """In which nobody has heard anything."""
-    return ~observation.rssi_dbm.isfinite().any(dim=2).any(dim=1)
-
-
-def _correlation_of_powers(scenario: Scenario) -> float:
-    """Between two trackers at one moment: (rho^2 + 2 K rho) / (1 + 2 K), without what the line of sight has in common
-    where its phase is another at each.
-    """
-    rho, k = scenario.spatial_correlation, scenario.rician_k
-    in_step = 2 * k * rho if scenario.los_phase == "common" else 0.0
-    return (rho**2 + in_step) / (1 + 2 * k)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..batch.array_types import Float, Tensor
+from ..batch.array_types import Bool, Float, Tensor
 from ..scenario import NUM_TRACKERS
 
 TOLD_POWER_DB, UNKNOWN_POWER_DB = 0.5, 7.0
@@ -64,6 +64,8 @@ class ReceiverModels:
         self._prior_db2 = torch.stack([model.covariance_db2() for model in models])
         weight = torch.tensor([model.weight for model in models], dtype=torch.float64)
         self._log_weight = (weight / weight.sum()).log()
+        self._power_db = torch.tensor([model.power_db for model in models], dtype=torch.float64)
+        self._wrong = torch.tensor([model.offset_db for model in models]) >= WRONG_DB
 
     def log_evidence(
         self,
@@ -79,9 +81,36 @@ class ReceiverModels:
         constant = (self._log_weight - log_det / 2).float()
         return squared.mul_(0.5).add_(constant[..., None])
 
+    def estimates(
+        self,
+        precision: Float[Tensor, "chase tracker tracker"],
+        sums: Float[Tensor, "chase tracker particle"],
+        share: Float[Tensor, "chase model particle"],
+    ) -> tuple[Float[Tensor, "chase"], Float[Tensor, "chase tracker"]]:
+        """Power and offsets that are expected if each model and particle is so likely, float64."""
+        posterior_db2, _ = self._posterior(precision)
+        weighed = torch.einsum("cmp,ctp->cmt", share, sums.double()) / sums.shape[2]
+        total_db = (posterior_db2 @ weighed[..., None])[..., 0]
+        power_db = power_of_total_db(total_db, self._prior_db2, self._power_db)
+        return power_db.sum(dim=1), (total_db - power_db[..., None]).sum(dim=1)
+
+    def is_wrong(self, share: Float[Tensor, "chase model"]) -> Bool[Tensor, "chase tracker"]:
+        """Which receivers are more likely wrong than not, if each model is so likely."""
+        return share[:, : len(self.models)] @ self._wrong.double() > 0.5
+
     def _posterior(
         self, precision: Float[Tensor, "chase tracker tracker"]
     ) -> tuple[Float[Tensor, "chase model tracker tracker"], Float[Tensor, "chase model"]]:
         """B and log det(I + C A) of each model, float64."""
         inner = torch.eye(NUM_TRACKERS, dtype=torch.float64) + self._prior_db2 @ precision[:, None]
         return torch.linalg.solve(inner, self._prior_db2.expand_as(inner)), torch.linalg.slogdet(inner).logabsdet
+
+
+def power_of_total_db(
+    total_db: Float[Tensor, "*batch tracker"],
+    prior_db2: Float[Tensor, "*model tracker tracker"],
+    power_db: Float[Tensor, "*model"],
+) -> Float[Tensor, "*batch"]:
+    """What power is expected where power + offset is expected to be this: sigma_p^2 1^T C^-1 x."""
+    solved: Tensor = torch.linalg.solve(prior_db2, total_db[..., None])[..., 0]
+    return power_db.square() * solved.sum(dim=-1)

@@ -12,7 +12,7 @@ import torch
 
 from ..batch.array_types import Float, Tensor
 from ..scenario import NUM_TRACKERS
-from .receiver_models import UNEQUAL_DB, UNKNOWN_POWER_DB
+from .receiver_models import UNEQUAL_DB, UNKNOWN_POWER_DB, power_of_total_db
 
 COMMON_SHARE = 0.5
 """Of the error's variance, what all trackers have in common."""
@@ -44,9 +44,9 @@ class ShadowModels:
         self._distance_m = torch.tensor([model.distance_m for model in models], dtype=torch.float64)
         spread_db = torch.tensor([model.spread_db for model in models], dtype=torch.float64)
         self._variance_db2 = spread_db.square()[:, None, None]
-        constants_db2 = UNKNOWN_POWER_DB**2 + UNEQUAL_DB**2 * torch.eye(NUM_TRACKERS, dtype=torch.float64)
+        self._constants_db2 = UNKNOWN_POWER_DB**2 + UNEQUAL_DB**2 * torch.eye(NUM_TRACKERS, dtype=torch.float64)
         self.start_db2 = torch.zeros(len(models), STATES, STATES, dtype=torch.float64)
-        self.start_db2[:, :NUM_TRACKERS, :NUM_TRACKERS] = constants_db2
+        self.start_db2[:, :NUM_TRACKERS, :NUM_TRACKERS] = self._constants_db2
         self.start_db2[:, NUM_TRACKERS:, NUM_TRACKERS:] = self._variance_db2
 
     def updated(
@@ -87,8 +87,17 @@ class ShadowModels:
         log_det = root.diagonal(dim1=2, dim2=3).log().sum(dim=2).float()
         return mean_db, (after + after.mT) / 2, squared.mul_(-0.5).sub_(log_det[..., None])
 
+    def estimates(
+        self, constants_db: Float[Tensor, "chase tracker"]
+    ) -> tuple[Float[Tensor, "chase"], Float[Tensor, "chase tracker"]]:
+        """Power and offsets that are expected where their sum is expected to be this, float64."""
+        power = torch.tensor(UNKNOWN_POWER_DB, dtype=torch.float64)
+        power_db = power_of_total_db(constants_db, self._constants_db2, power)
+        return power_db, constants_db - power_db[:, None]
+
     def _error_db2(self, tracker_m: Float[Tensor, "chase tracker 3"]) -> Float[Tensor, "chase model tracker tracker"]:
         """Covariance of the errors of trackers at these places."""
         apart_m = (tracker_m[:, :, None] - tracker_m[:, None]).norm(dim=3)
         alike = (-apart_m[:, None] / self._distance_m[:, None, None]).exp()
-        return self._variance_db2 * (COMMON_SHARE + (1 - COMMON_SHARE) * alike)
+        error_db2: Tensor = self._variance_db2 * (COMMON_SHARE + (1 - COMMON_SHARE) * alike)
+        return error_db2
