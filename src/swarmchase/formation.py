@@ -28,10 +28,14 @@ class Action:
 
 
 def tracker_position_m(
-    center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
-) -> Float[Tensor, "chase tracker 3"]:
-    """Positions of the six trackers around their centre."""
-    return center_m[:, None, :] + spacing_m[:, None, None] * TRACKER_DIRECTION.to(center_m.device)
+    center_m: Float[Tensor, "*batch 3"],
+    spacing_m: Float[Tensor, "*batch"],
+    turned_rad: Float[Tensor, "*batch"] | None = None,
+) -> Float[Tensor, "*batch tracker 3"]:
+    """Positions of the six trackers around their centre, their cross having turned so far."""
+    unturned = TRACKER_DIRECTION.to(center_m.device)
+    direction = unturned if turned_rad is None else turned_direction(turned_rad)
+    return center_m[..., None, :] + spacing_m[..., None, None] * direction
 
 
 def turned_direction(turned_rad: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch tracker 3"]:

@@ -31,7 +31,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.selection import join_chases, select_chases
 from ..batch.streams import ChaseStreams, chase_keys
 from ..formation import Action, displacement_towards, fastest_turn_rad_per_s
-from ..observation import Observation, center_m, checked_observation
+from ..observation import Observation, center_m, checked_observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
@@ -97,8 +97,8 @@ class AdaptiveInFlightMemory:
     """Covariances of ``shadow_models``."""
     receivers: ReceiverLevels
     """What shows a receiver that is stuck."""
-    last_m: Float[Tensor, "chase tracker 3"]
-    """Where the last samples were taken; NaN before the first."""
+    center_m: Float[Tensor, "chase 3"]
+    """The swarm's centre when the last sample was taken; NaN before the first."""
     time_s: Float[Tensor, "chase"]
     """Of the last sample; NaN before the first."""
     surprises: Int[Tensor, "chase"]
@@ -143,7 +143,7 @@ class AdaptiveInFlightController:
         self._motion = TargetMotion(told)
         self._levels = LevelResiduals(told)
         self._constants = ReceiverModels()
-        self._shadows = ShadowModels()
+        self._shadows = ShadowModels(self._widest_m)
         self._turn_rad = min(TURN_RAD_PER_S, fastest_turn_rad_per_s(told)) * told.decision_s
         shadow_weight = torch.tensor([model.weight for model in self._shadows.models])
         self._start_log_share = torch.cat([1 - shadow_weight.sum(dim=0, keepdim=True), shadow_weight]).log()[:, None]
@@ -252,14 +252,16 @@ class AdaptiveInFlightController:
         some = torch.arange(NOISE_PARTICLES) * NUM_PARTICLES // NOISE_PARTICLES
         noise = self._levels.noise(observation, memory.position_m[:, :, some], memory.velocity_mps[:, :, some], age_s)
         residual_db = residual_db - noise.bias_db[..., None]
-        here_m = observation.tracker_position_m[:, -1].double()
-        moved_m = (here_m - memory.last_m).norm(dim=2).mean(dim=1).nan_to_num(nan=0.0)
-        memory = replace(memory, last_m=here_m)
-        heard, log_weight, surprise = self._heard(memory, residual_db, noise.covariance_db2, moved_m)
+        center = center_m(observation)
+        moved_m = (center - memory.center_m).norm(dim=1).nan_to_num(nan=0.0)
+        memory = replace(memory, center_m=center)
+        tracker_m = mean_position_m(observation)
+        tracker_m = tracker_m - tracker_m.mean(dim=1, keepdim=True)
+        heard, log_weight, surprise = self._heard(memory, residual_db, noise.covariance_db2, moved_m, tracker_m)
         share = share_to_take(log_weight)
         if (share < 1).any():
             heard, log_weight, _ = self._heard(
-                memory, residual_db, noise.covariance_db2 / share[:, None, None], moved_m
+                memory, residual_db, noise.covariance_db2 / share[:, None, None], moved_m, tracker_m
             )
         return heard, log_weight.clamp(min=LEAST_LOG_LIKELIHOOD), surprise > IMPROBABLE
 
@@ -269,6 +271,7 @@ class AdaptiveInFlightController:
         residual_db: Float[Tensor, "chase tracker particle"],
         covariance_db2: Float[Tensor, "chase tracker tracker"],
         moved_m: Float[Tensor, "chase"],
+        tracker_m: Float[Tensor, "chase tracker 3"],
     ) -> tuple[AdaptiveInFlightMemory, Float[Tensor, "chase particle"], Float[Tensor, "chase"]]:
         """The memory with these residuals of this noise, each particle's log likelihood, and how little even the best
         explains: a squared length in units of the noise.
@@ -284,7 +287,7 @@ class AdaptiveInFlightController:
         log_det = root.diagonal(dim1=1, dim2=2).log().sum(dim=1).float()[:, None]
         constant = after - before - squared / 2 - log_det
         shadow_db, shadow_covariance_db2, shadowed = self._shadows.updated(
-            memory.shadow_db, memory.shadow_covariance_db2, moved_m, memory.last_m, residual_db, covariance_db2
+            memory.shadow_db, memory.shadow_covariance_db2, moved_m, tracker_m, residual_db, covariance_db2
         )
         joint = memory.log_share + torch.cat([constant[:, None], shadowed], dim=1)
         log_weight = joint.logsumexp(dim=1)
@@ -353,7 +356,7 @@ class AdaptiveInFlightController:
             anew,
             position_m=self._band.inside_m(anew.position_m + center[rows].float()[..., None]),
             receivers=old.receivers,
-            last_m=old.last_m,
+            center_m=old.center_m,
             time_s=old.time_s,
             condition=torch.full_like(anew.condition, int(Condition.LOST)),
         )
@@ -378,7 +381,7 @@ class AdaptiveInFlightController:
             precision=torch.zeros(num_chases, NUM_TRACKERS, NUM_TRACKERS, dtype=torch.float64),
             shadow_covariance_db2=self._shadows.start_db2.expand(num_chases, -1, -1, -1).contiguous(),
             receivers=ReceiverLevels.unheard(num_chases),
-            last_m=torch.full((num_chases, NUM_TRACKERS, 3), math.nan, dtype=torch.float64),
+            center_m=torch.full((num_chases, 3), math.nan, dtype=torch.float64),
             time_s=torch.full((num_chases,), math.nan, dtype=torch.float64),
             surprises=nothing,
             condition=nothing.clone(),

@@ -12,7 +12,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
-from ..formation import TRACKER_DIRECTION, Action, tracker_position_m, turned_direction
+from ..formation import Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
 from .behaviours import load_behaviour
@@ -70,7 +70,7 @@ class State:
 
     def observation(self) -> Observation:
         """What a controller may see of it."""
-        places_m = _trackers_m(self.sample_center_m, self.sample_spacing_m, self.sample_turned_rad)
+        places_m = tracker_position_m(self.sample_center_m, self.sample_spacing_m, self.sample_turned_rad)
         return Observation(self.rssi_dbm, places_m.expand(-1, self.rssi_dbm.shape[1], -1, -1), self.sample_time_s)
 
 
@@ -171,7 +171,7 @@ class Environment:
     ) -> State:
         """Listen on a leg; ``turned_rad`` is that at its end and that at its samples."""
         end_rad, sample_rad = turned_rad or (None, None)
-        trackers_m = _trackers_m(leg.sample_center_m, leg.sample_spacing_m, sample_rad)
+        trackers_m = tracker_position_m(leg.sample_center_m, leg.sample_spacing_m, sample_rad)
         rssi_dbm, radio = self._radio.heard_dbm(radio, leg.sample_time_s, leg.sample_target_m, trackers_m)
         return State(
             target=leg.target,
@@ -201,24 +201,16 @@ class Environment:
         )
 
     def _require_allowed(self, state: State, action: Action) -> None:
-        given, needed = (action.spacing_m, action.displacement_m), (state.spacing_m, state.center_m)
+        given, needed = [action.spacing_m, action.displacement_m], [state.spacing_m, state.center_m]
+        if action.turn_rad is not None:
+            given, needed = [*given, action.turn_rad], [*needed, state.spacing_m]
         if [tuple(part.shape) for part in given] != [tuple(part.shape) for part in needed]:
+            shapes = " and ".join(str(tuple(part.shape)) for part in given)
             raise InputError(
-                f"an action of shapes {tuple(given[0].shape)} and {tuple(given[1].shape)} is refused: "
-                f"{len(state.spacing_m)} chases need spacing_m [chase] and displacement_m [chase, 3]"
+                f"an action of shapes {shapes} is refused: {len(state.spacing_m)} chases need spacing_m [chase], "
+                "displacement_m [chase, 3] and, if any, turn_rad [chase]"
             )
         self._pace.require_allowed(action)
-
-
-def _trackers_m(
-    center_m: Float[Tensor, "chase place 3"],
-    spacing_m: Float[Tensor, "chase place"],
-    turned_rad: Float[Tensor, "chase place"] | None,
-) -> Float[Tensor, "chase place tracker 3"]:
-    """Where the trackers are around each place of their centre."""
-    unturned = TRACKER_DIRECTION.to(center_m.device)
-    direction = unturned if turned_rad is None else turned_direction(turned_rad)
-    return center_m[:, :, None] + spacing_m[:, :, None, None] * direction
 
 
 def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
@@ -239,14 +231,8 @@ def counterfactual_reward_m(scenario: Scenario, state: State) -> Float[Tensor, "
 
 def unfaded_dbm(scenario: Scenario, state: State) -> Float[Tensor, "chase tracker"]:
     """What each tracker would hear here if nothing faded: only the simulator can know it, float64."""
-    return unfaded_dbm_at(scenario, _tracker_distance_m(state.target_position_m, state.center_m, state.spacing_m))
-
-
-def _tracker_distance_m(
-    target_position_m: Float[Tensor, "chase 3"], center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
-) -> Float[Tensor, "chase tracker"]:
-    distance_m: Tensor = (tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]).norm(dim=2)
-    return distance_m
+    position_m = tracker_position_m(state.center_m, state.spacing_m, state.turned_rad)
+    return unfaded_dbm_at(scenario, (position_m - state.target_position_m[:, None]).norm(dim=2))
 
 
 def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:
