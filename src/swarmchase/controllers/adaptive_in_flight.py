@@ -257,31 +257,32 @@ class AdaptiveInFlightController:
         memory = replace(memory, center_m=center)
         tracker_m = mean_position_m(observation)
         tracker_m = tracker_m - tracker_m.mean(dim=1, keepdim=True)
-        heard, log_weight, surprise = self._heard(memory, residual_db, noise.covariance_db2, moved_m, tracker_m)
+        before = self._constants.log_evidence(memory.precision, memory.sums).logsumexp(dim=1)
+        heard, log_weight, surprise = self._heard(memory, before, residual_db, noise.covariance_db2, moved_m, tracker_m)
         share = share_to_take(log_weight)
         if (share < 1).any():
             heard, log_weight, _ = self._heard(
-                memory, residual_db, noise.covariance_db2 / share[:, None, None], moved_m, tracker_m
+                memory, before, residual_db, noise.covariance_db2 / share[:, None, None], moved_m, tracker_m
             )
         return heard, log_weight.clamp(min=LEAST_LOG_LIKELIHOOD), surprise > IMPROBABLE
 
     def _heard(
         self,
         memory: AdaptiveInFlightMemory,
+        before: Float[Tensor, "chase particle"],
         residual_db: Float[Tensor, "chase tracker particle"],
         covariance_db2: Float[Tensor, "chase tracker tracker"],
         moved_m: Float[Tensor, "chase"],
         tracker_m: Float[Tensor, "chase tracker 3"],
     ) -> tuple[AdaptiveInFlightMemory, Float[Tensor, "chase particle"], Float[Tensor, "chase"]]:
         """The memory with these residuals of this noise, each particle's log likelihood, and how little even the best
-        explains: a squared length in units of the noise.
+        explains: a squared length in units of the noise. ``before`` is the log evidence for constant errors without.
         """
         root = torch.linalg.cholesky(covariance_db2)
         whitening = torch.linalg.inv(root)
         inverse = whitening.mT @ whitening
         sums = torch.baddbmm(memory.sums, inverse.float(), residual_db)
         precision = memory.precision + inverse
-        before = self._constants.log_evidence(memory.precision, memory.sums).logsumexp(dim=1)
         after = self._constants.log_evidence(precision, sums).logsumexp(dim=1)
         squared = torch.bmm(whitening.float(), residual_db).square_().sum(dim=1)
         log_det = root.diagonal(dim1=1, dim2=2).log().sum(dim=1).float()[:, None]
