@@ -1,12 +1,14 @@
 """Where the trackers are and what a choice does, against hand-drawn situations (Sections II.A and III.A)."""
 
+import dataclasses
 import itertools
+import math
 
 import pytest
 import torch
 
-from swarmchase.formation import Action, action_from_choice, tracker_position_m
-from swarmchase.scenario import paper_scenario
+from swarmchase.formation import Action, action_from_choice, fastest_turn_rad_per_s, tracker_position_m
+from swarmchase.scenario import load_scenario, paper_scenario
 
 
 def test_trackers_sit_at_plus_and_minus_of_every_axis_around_their_own_centre():
@@ -16,6 +18,39 @@ def test_trackers_sit_at_plus_and_minus_of_every_axis_around_their_own_centre():
         [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]],
         [[15, -20, 30], [5, -20, 30], [10, -15, 30], [10, -25, 30], [10, -20, 35], [10, -20, 25]],
     ]
+
+
+@pytest.mark.parametrize(
+    ("turned_rad", "first_m", "third_m"),
+    [
+        (0.0, (12, 0, 0), (10, 2, 0)),
+        (math.pi / 2, (10, 2, 0), (8, 0, 0)),
+        (-math.pi / 4, (10 + math.sqrt(2), -math.sqrt(2), 0), (10 + math.sqrt(2), math.sqrt(2), 0)),
+    ],
+)
+def test_a_cross_turns_about_its_vertical_from_x_towards_y(turned_rad, first_m, third_m):
+    center_m, spacing_m = torch.tensor([[10.0, 0.0, 0.0]]).double(), torch.tensor([2.0]).double()
+    position_m = tracker_position_m(center_m, spacing_m, torch.tensor([turned_rad], dtype=torch.float64))[0]
+    assert position_m[0].tolist() == pytest.approx(first_m, abs=1e-12)
+    assert position_m[2].tolist() == pytest.approx(third_m, abs=1e-12)
+    assert position_m.mean(dim=0).tolist() == pytest.approx([10, 0, 0], abs=1e-12)
+    assert position_m[4:].tolist() == [[10, 0, 2], [10, 0, -2]]
+
+
+def test_a_cross_that_has_not_turned_is_where_it_was_to_the_last_bit():
+    center_m, spacing_m = torch.rand(4, 3, generator=torch.Generator().manual_seed(1)).double(), torch.ones(4).double()
+    unturned = tracker_position_m(center_m, spacing_m, torch.zeros(4).double())
+    assert torch.equal(unturned, tracker_position_m(center_m, spacing_m))
+
+
+@pytest.mark.parametrize(
+    ("acceleration_mps2", "rad_per_s"),
+    # 5 m at 1 rad/s: 5 m/s2. Without a limit of it, 10 m/s: 2 rad/s. With 500 m/s2 still that.
+    [(5.0, 1.0), (None, 2.0), (500.0, 2.0)],
+)
+def test_how_fast_a_cross_may_turn(acceleration_mps2, rad_per_s):
+    scenario = dataclasses.replace(load_scenario("flight"), tracker_acceleration_mps2=acceleration_mps2)
+    assert fastest_turn_rad_per_s(scenario) == pytest.approx(rad_per_s)
 
 
 @pytest.mark.parametrize(

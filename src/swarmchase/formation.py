@@ -1,5 +1,6 @@
 """The swarm's geometry: where the six trackers are, and what an action does (Sections II.A and III.A)."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -22,13 +23,37 @@ class Action:
     """Distance of every tracker from the centre: one of A^d, or in flight any between them."""
     displacement_m: Float[Tensor, "chase 3"]
     """Movement of the centre: each axis one of A^x, A^y, A^z, or in flight any that its speed permits."""
+    turn_rad: Float[Tensor, "chase"] | None = None
+    """In flight, how far the cross turns about its vertical on its way, from +x towards +y; None where it does not."""
 
 
 def tracker_position_m(
-    center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
-) -> Float[Tensor, "chase tracker 3"]:
-    """Positions of the six trackers around their centre."""
-    return center_m[:, None, :] + spacing_m[:, None, None] * TRACKER_DIRECTION.to(center_m.device)
+    center_m: Float[Tensor, "*batch 3"],
+    spacing_m: Float[Tensor, "*batch"],
+    turned_rad: Float[Tensor, "*batch"] | None = None,
+) -> Float[Tensor, "*batch tracker 3"]:
+    """Positions of the six trackers around their centre, their cross having turned so far."""
+    unturned = TRACKER_DIRECTION.to(center_m.device)
+    direction = unturned if turned_rad is None else turned_direction(turned_rad)
+    return center_m[..., None, :] + spacing_m[..., None, None] * direction
+
+
+def turned_direction(turned_rad: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch tracker 3"]:
+    """``TRACKER_DIRECTION`` of a cross that has turned so far about its vertical; exactly that of one that has not."""
+    cos, sin = turned_rad.cos()[..., None], turned_rad.sin()[..., None]
+    x, y, z = TRACKER_DIRECTION.to(turned_rad.device).unbind(dim=1)
+    return torch.stack([x * cos - y * sin, x * sin + y * cos, z.expand_as(x * cos)], dim=-1)
+
+
+def fastest_turn_rad_per_s(scenario: Scenario) -> float:
+    """How fast the cross may turn at its widest spacing r: trackers go round at r w, with an acceleration of r w^2, and
+    neither is more than the scenario's for its trackers.
+    """
+    widest_m = max(scenario.spacing_choices_m)
+    by_speed = scenario.tracker_speed_mps / widest_m
+    if scenario.tracker_acceleration_mps2 is None:
+        return by_speed
+    return min(by_speed, math.sqrt(scenario.tracker_acceleration_mps2 / widest_m))
 
 
 def action_from_choice(scenario: Scenario, choice: Int[Tensor, "chase 4"]) -> Action:

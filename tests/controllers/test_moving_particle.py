@@ -24,6 +24,7 @@ from swarmchase.controllers.moving_particle import (
     MovingParticleController,
 )
 from swarmchase.controllers.particle import ParticleController
+from swarmchase.controllers.target_motion import FASTEST_MPS
 from swarmchase.evaluation.chases import run_chases
 from swarmchase.evaluation.play import play
 from swarmchase.formation import tracker_position_m
@@ -118,7 +119,7 @@ def test_no_target_leaves_its_altitudes_or_is_faster_than_any():
     for _ in range(4):
         memory = controller._predicted(memory, torch.tensor([[1.0]]))
         assert -45 <= memory.position_m[:, 2].min() < memory.position_m[:, 2].max() <= 70
-        assert memory.velocity_mps.square().sum(dim=1).max() <= moving_particle.FASTEST_MPS**2 + 1e-3
+        assert memory.velocity_mps.square().sum(dim=1).max() <= FASTEST_MPS**2 + 1e-3
 
 
 # What is heard.

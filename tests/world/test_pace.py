@@ -149,6 +149,57 @@ def test_in_flight_no_action_is_beyond_the_swarm(
         environment.step(environment.reset(chase_keys(0, 1)), action(displacement_m, spacing_m))
 
 
+def turning(turn_rad: float | None) -> Action:
+    return replace(action((0, 0, 0)), turn_rad=None if turn_rad is None else vector((turn_rad, 0, 0))[0, :1])
+
+
+def test_in_flight_the_cross_turns_evenly_and_goes_on_from_where_it_is() -> None:
+    """Half a radian in half a second, twice; tracker 0 begins at +x, tracker 2 at +y, 5 m from a centre that hovers."""
+    environment = Environment(FLIGHT)
+    state = situation(environment, FAR_M)
+    for begin_rad in (0.0, 0.5):
+        state, _ = environment.step(state, turning(0.5))
+        heard_m = state.observation().tracker_position_m[0]
+        for number in range(10):
+            turned_rad = begin_rad + (number + 1) / 20
+            across_m = (5 * math.cos(turned_rad), 5 * math.sin(turned_rad), 0)
+            assert heard_m[number, 0].tolist() == pytest.approx(across_m, abs=1e-9)
+            assert heard_m[number, 2].tolist() == pytest.approx((-across_m[1], across_m[0], 0), abs=1e-9)
+            assert heard_m[number, 5].tolist() == pytest.approx((0, 0, -5), abs=1e-9)
+    still, _ = environment.step(state, turning(None))
+    assert still.turned_rad is not None
+    assert still.turned_rad.tolist() == pytest.approx([1.0])
+
+
+def test_levels_follow_the_cross_as_it_turns() -> None:
+    """A target 10 m along x: the tracker at +x is 5 m from it, the one at -x 15 m; half a turn later it is 15 m."""
+    environment = Environment(replace(FLIGHT, rician_k=1e12))
+    state = situation(environment, (10.0, 0.0, 0.0))
+    for _ in range(6):
+        state, _ = environment.step(state, turning(math.pi / 6 / 1.1))
+    assert state.turned_rad is not None
+    left_rad = math.pi - state.turned_rad.item()
+    state, _ = environment.step(state, turning(left_rad))
+    assert state.rssi_dbm[0, -1, :2].tolist() == pytest.approx(
+        [23 - 30 - 26 * math.log10(15), 23 - 30 - 26 * math.log10(5)], abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("turn_rad", [0.51, -0.51, math.nan])
+def test_no_cross_turns_faster_than_its_trackers_can(turn_rad: float) -> None:
+    """1 rad/s takes 5 m/s2 at 5 m."""
+    environment = Environment(FLIGHT)
+    message = rf"turn_rad = {turn_rad:g} is refused: allowed is between -0\.5 and 0\.5"
+    with pytest.raises(InputError, match=message):
+        environment.step(environment.reset(chase_keys(0, 1)), turning(turn_rad))
+
+
+def test_who_stops_to_listen_does_not_turn() -> None:
+    environment = Environment(paper_scenario())
+    with pytest.raises(InputError, match="turn_rad is refused: trackers that stop to listen do not turn their cross"):
+        environment.step(environment.reset(chase_keys(0, 1)), turning(0.1))
+
+
 def test_an_interval_without_a_sample_is_refused() -> None:
     with pytest.raises(InputError, match=r"decision_s = 0\.04 is refused: allowed is at least 1 / sampling_hz = 0\.05"):
         Environment(replace(FLIGHT, decision_s=0.04))

@@ -15,6 +15,7 @@ from ..networks.windows import WindowsNetwork
 from ..ranges import shown
 from ..scenario import Scenario
 from .adaptive import AdaptiveController
+from .adaptive_in_flight import AdaptiveInFlightController
 from .gradient import GradientController
 from .learned import ActionChoice, LearnedController, require_action_sets
 from .moving_particle import MovingParticleController
@@ -39,14 +40,13 @@ __all__ = [
 ]
 
 
-def _particle(scenario: Scenario) -> Controller:
-    """The one for the scenario's pace."""
-    in_flight = scenario.pace == "listen_in_flight"
-    return MovingParticleController(scenario) if in_flight else ParticleController(scenario)
-
-
+_IN_FLIGHT: dict[str, Callable[[Scenario], Controller]] = {
+    "adaptive": AdaptiveInFlightController,
+    "particle": MovingParticleController,
+}
+"""What is another controller under the same name where trackers listen while they fly."""
 _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
-    "particle": _particle,
+    "particle": ParticleController,
     "particle-unknown-power": partial(ParticleController, name="particle-unknown-power", power_is_known=False),
     "multilateration": MultilaterationController,
     "multilateration-unknown-power": partial(MultilaterationController, power_is_known=False),
@@ -55,6 +55,14 @@ _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
     "oracle": OracleController,
     "oracle-intercept": partial(OracleController, name="oracle-intercept", knows_velocity=True),
 }
+
+
+def _untrained(name_or_path: str | Path, scenario: Scenario) -> Callable[[Scenario], Controller] | None:
+    """What makes the untrained controller of this name in the scenario's pace; None where there is none."""
+    name = str(name_or_path)
+    if scenario.pace == "listen_in_flight" and name in _IN_FLIGHT:
+        return _IN_FLIGHT[name]
+    return _UNTRAINED.get(name)
 
 
 def controller_names() -> list[str]:
@@ -67,7 +75,7 @@ def weights_path(name_or_path: str | Path, scenario: Scenario) -> Path | None:
 
     Of a family that comes with the package it is the one for the scenario's F and rho (``chosen_weights``).
     """
-    if str(name_or_path) in _UNTRAINED:
+    if _untrained(name_or_path, scenario) is not None:
         return None
     chosen = chosen_weights(str(name_or_path), scenario)
     return Path(name_or_path) if chosen is None else chosen.path
@@ -95,8 +103,9 @@ def load_controller(
         InputError: an unknown name, or a file that is missing, damaged or does not match.
     """
     name = str(name_or_path)
-    if name in _UNTRAINED:
-        return _UNTRAINED[name](scenario)
+    untrained = _untrained(name, scenario)
+    if untrained is not None:
+        return untrained(scenario)
     path = _given_weights_path(name_or_path, scenario)
     networks, configuration = shared_weights(path)
     filed_choice = _filed_action_choice(path, configuration)
@@ -109,7 +118,7 @@ def require_controller(name_or_path: str | Path, scenario: Scenario) -> None:
     Raises:
         InputError: an unknown name, or a file that is missing, damaged or does not match.
     """
-    if str(name_or_path) in _UNTRAINED:
+    if _untrained(name_or_path, scenario) is not None:
         return
     path = _given_weights_path(name_or_path, scenario)
     form, _, configuration = checked_weights(path)

@@ -30,7 +30,7 @@ from ..observation import Observation, center_m, checked_observation
 from ..scenario import Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
-from .explanation import MOST_POINTS, Explanation, FoundChannel, share_of_savings
+from .explanation import MOST_POINTS, Explanation, FoundChannel, reasons_left_out, share_of_savings
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
 from .unknown_channel import (
     FIELDS,
@@ -302,17 +302,11 @@ class AdaptiveController:
         power = power_db(level_db, models.pairs)
         wrong = wrong_receiver() @ share.sum(dim=1)
         is_silent = ~observation.rssi_dbm[0].isfinite().any(dim=0)
-        reasons = [
-            "silent" if silent else "stuck" if stuck else "wrong" if probability > LEFT_OUT_SHARE else None
-            for silent, stuck, probability in zip(
-                is_silent.tolist(), read.is_stuck.tolist(), wrong.tolist(), strict=True
-            )
-        ]
         return FoundChannel(
             power_db=float((share * power).sum()),
             exponent=self._scenario.path_loss_exponent + float((share * exponent_error).sum()),
             offset_db=tuple(((level_db - power[..., None]) * share[..., None]).sum(dim=(0, 1)).tolist()),
-            left_out=tuple(reasons),
+            left_out=reasons_left_out(is_silent, read.is_stuck, wrong > LEFT_OUT_SHARE),
             fading_db=float((read.law.apart_db.square().mean() + read.law.together_db.square().mean()).sqrt()),
             shadowing_db=FIELDS[best][1] if is_shadowed else 0.0,
         )

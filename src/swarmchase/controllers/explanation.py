@@ -5,7 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import torch
 
-from ..batch.array_types import Float, Tensor
+from ..batch.array_types import Bool, Float, Tensor
 from ..observation import Observation
 from ..scenario import Scenario
 
@@ -25,8 +25,9 @@ class FoundChannel:
     """Of each receiver."""
     left_out: tuple[str | None, ...]
     """Why each receiver counts for nothing or little: silent, stuck or wrong; None where it counts."""
-    fading_db: float
-    """Standard deviation of a tracker's level in a window, as far as the window does not show it itself."""
+    fading_db: float | None
+    """Standard deviation of a tracker's level in a window, as far as the window does not show it itself; None of a
+    controller that is told the fading."""
     shadowing_db: float
     """Standard deviation of shadowing; 0 where there is none."""
 
@@ -41,6 +42,18 @@ class Explanation:
     target_m: Float[Tensor, "point 3"] | None
     """Where the target is believed to be: points of equal weight in the chase's own frame."""
     found: FoundChannel | None = None
+    velocity_mps: Float[Tensor, "3"] | None = None
+    """Of the target, where it is taken to move."""
+
+
+def reasons_left_out(
+    is_silent: Bool[Tensor, "6"], is_stuck: Bool[Tensor, "6"], is_wrong: Bool[Tensor, "6"]
+) -> tuple[str | None, ...]:
+    """``FoundChannel.left_out``: the first reason that holds."""
+    return tuple(
+        "silent" if silent else "stuck" if stuck else "wrong" if wrong else None
+        for silent, stuck, wrong in zip(is_silent.tolist(), is_stuck.tolist(), is_wrong.tolist(), strict=True)
+    )
 
 
 @runtime_checkable

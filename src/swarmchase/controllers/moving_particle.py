@@ -34,10 +34,12 @@ from ..batch.streams import ChaseStreams, chase_keys
 from ..channel.propagation import reference_dbm
 from ..formation import Action, displacement_towards
 from ..observation import NEPERS_PER_DB, Observation, center_m, checked_observation, mean_power_dbm, sample_age_s
-from ..scenario import NUM_TRACKERS, SPEED_OF_LIGHT_MPS, Scenario
+from ..scenario import NUM_TRACKERS, Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
+from .sample_likeness import SampleLikeness, correlation_of_powers, variance_of_power
+from .target_motion import CLIMB_SHARE, HOLDS_S, SPEED_SPREAD_MPS, TargetBand, each, length, slowed
 
 NUM_PARTICLES = 3000
 """With half as many a target that flees takes 4 s longer, a decision half as long."""
@@ -52,12 +54,6 @@ NEXT_MODE = ((STEADY, MANOEUVRING), (MANOEUVRING, STILL), (STEADY, STILL))
 FIRST_NEXT_SHARE = 0.75
 ACCELERATION_MPS2 = (0.0, 0.3, 3.0)
 """Standard deviation in each mode, on each level axis; it holds for ``HOLDS_S``."""
-HOLDS_S = 0.5
-SPEED_SPREAD_MPS = 4.0
-"""Standard deviation of a flying target's velocity on each level axis, when nothing is known of it."""
-CLIMB_SHARE = 0.4
-"""Of all that, on the vertical axis."""
-FASTEST_MPS = 10.0
 MOST_PIECES = 5
 """Into so many pieces an interval is cut, in each of which trackers count as standing."""
 LEAST_SPREAD_DB = 0.1
@@ -68,8 +64,6 @@ KERNEL_WIDTH = 0.25
 """Standard deviation of the kernel in those of the belief."""
 LEAST_KERNEL_M = 0.1
 LEAST_KERNEL_MPS = 0.05
-SPEED_STEP_MPS, NUM_SPEEDS = 0.02, 2000
-"""Speeds of target and swarm against each other for which the fading is tabulated."""
 SURPRISES = 3
 """So many improbable intervals in a row mean that the target is not among the particles."""
 IMPROBABLE = 28.0
@@ -107,19 +101,13 @@ class MovingParticleController:
         self._scenario = scenario
         self._widest_m = max(scenario.spacing_choices_m)
         self._farthest_m = scenario.farthest_start_m or scenario.start_distance_m
-        self._lowest_m, self._highest_m = (
-            default if altitude_m is None else altitude_m - scenario.start_altitude_m
-            for altitude_m, default in (
-                (scenario.lowest_altitude_m, -math.inf),
-                (scenario.highest_altitude_m, math.inf),
-            )
-        )
+        self._band = TargetBand(scenario)
+        self._likeness = SampleLikeness(scenario)
         self._next_mode = torch.tensor(NEXT_MODE)
         self._changes_per_s = torch.tensor(CHANGES_PER_S)
         self._acceleration_mps2 = torch.tensor(ACCELERATION_MPS2)
         self._axis_share = torch.tensor([1.0, 1.0, CLIMB_SHARE])[:, None]
-        self._alike_of: dict[int, Tensor] = {}
-        self._correlation = min(_correlation_of_powers(scenario), MOST_CORRELATION)
+        self._correlation = min(correlation_of_powers(scenario), MOST_CORRELATION)
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> MovingParticleMemory:
         """Particles wherever a target may start."""
@@ -169,20 +157,20 @@ class MovingParticleController:
     def _predicted(self, memory: MovingParticleMemory, lasted_s: Float[Tensor, "chase 1"]) -> MovingParticleMemory:
         """The particles so many seconds later."""
         mode, streams = memory.mode, memory.streams
-        changes = -(-_each(self._changes_per_s, mode) * lasted_s).expm1()
+        changes = -(-each(self._changes_per_s, mode) * lasted_s).expm1()
         drawn = streams.uniform(NUM_PARTICLES).float()
         change = drawn < changes
         other = (drawn >= FIRST_NEXT_SHARE * changes).long()
-        following = torch.where(change, _each(self._next_mode.flatten(), 2 * mode + other), mode)
+        following = torch.where(change, each(self._next_mode.flatten(), 2 * mode + other), mode)
         normal = streams.standard_normal(3, NUM_PARTICLES) * self._axis_share
         # What holds for a short time adds up like a random walk.
-        gained_mps = _each(self._acceleration_mps2, following) * (lasted_s * HOLDS_S).sqrt()
+        gained_mps = each(self._acceleration_mps2, following) * (lasted_s * HOLDS_S).sqrt()
         starts = (change & (mode == STILL))[:, None]
         spread_mps = torch.where(starts, SPEED_SPREAD_MPS, gained_mps[:, None])
-        velocity_mps = _slowed(memory.velocity_mps + normal * spread_mps)
+        velocity_mps = slowed(memory.velocity_mps + normal * spread_mps)
         velocity_mps = torch.where((following == STILL)[:, None], 0.0, velocity_mps)
         position_m = memory.position_m + (memory.velocity_mps + velocity_mps) * (lasted_s / 2)[:, None]
-        return replace(memory, position_m=self._in_band(position_m), velocity_mps=velocity_mps, mode=following)
+        return replace(memory, position_m=self._band.inside_m(position_m), velocity_mps=velocity_mps, mode=following)
 
     def _weighed(
         self, memory: MovingParticleMemory, observation: Observation, age_s: Float[Tensor, "chase sample"]
@@ -247,33 +235,11 @@ class MovingParticleController:
         """
         flown_m = center_m(observation) - observation.tracker_position_m[:, 0].double().mean(dim=1)
         swarm_mps = (flown_m / age_s[:, :1].clamp(min=1e-3)).float()
-        speed_mps = _length(memory.velocity_mps - swarm_mps[..., None])[:, 0]
-        step = (speed_mps / SPEED_STEP_MPS).round_().clamp_(max=NUM_SPEEDS - 1).long()
-        alike = _each(self._alike(observation.rssi_dbm.shape[1]), step)[:, None]
-        k, number = self._scenario.rician_k, num_heard.clamp(min=1)[..., None]
-        one = (2 * k + 1) / (k + 1) ** 2
+        speed_mps = length(memory.velocity_mps - swarm_mps[..., None])[:, 0]
+        alike = self._likeness.alike(speed_mps, observation.rssi_dbm.shape[1])[:, None]
+        number = num_heard.clamp(min=1)[..., None]
+        one = variance_of_power(self._scenario)
         return one * ((number - 1) * alike + 1) / number + (LEAST_SPREAD_DB * NEPERS_PER_DB) ** 2
-
-    def _alike(self, num_samples: int) -> Float[Tensor, "speed"]:
-        """The mean correlation between the powers of two different samples of an interval, speed by speed.
-
-        Two samples are correlated like (J0(x)^2 + 2 K J0(x)) / (1 + 2 K), x being 2 pi times the wavelengths that
-        target and trackers have flown against each other between them. A negative mean counts as none: it takes a speed
-        that is exactly even.
-        """
-        if num_samples not in self._alike_of:
-            scenario = self._scenario
-            speed_mps = torch.arange(NUM_SPEEDS, dtype=torch.float64) * SPEED_STEP_MPS
-            if scenario.continuity != "in_flight":
-                speed_mps = torch.zeros_like(speed_mps)
-            doppler_hz = (speed_mps * scenario.carrier_hz / SPEED_OF_LIGHT_MPS).clamp(min=scenario.doppler_spread_hz)
-            lag = torch.arange(1, num_samples, dtype=torch.float64)
-            bessel = torch.special.bessel_j0(2 * math.pi * doppler_hz[:, None] * lag / scenario.sampling_hz)
-            alike = (bessel.square() + 2 * scenario.rician_k * bessel) / (1 + 2 * scenario.rician_k)
-            pairs = num_samples - lag
-            mean = (alike * pairs).sum(dim=1) / pairs.sum().clamp(min=1)
-            self._alike_of[num_samples] = mean.clamp(min=0.0).float()
-        return self._alike_of[num_samples]
 
     def _resampled(
         self, memory: MovingParticleMemory, weight: Float[Tensor, "chase particle"], center: Float[Tensor, "chase 3"]
@@ -290,16 +256,16 @@ class MovingParticleController:
         copy[:, 1:] = parent[:, 1:] == parent[:, :-1]
         normal = streams.standard_normal(7, NUM_PARTICLES)
         left_m = position_m - center.float()[..., None]
-        distance_m = _length(left_m)
+        distance_m = length(left_m)
         moved_m = left_m + normal[:, :3] * _kernel(left_m, LEAST_KERNEL_M)
         farther_m = distance_m + normal[:, 3:4] * _kernel(distance_m, LEAST_KERNEL_M)
-        moved_m = moved_m * (farther_m.clamp(min=0.0) / _length(moved_m).clamp(min=1e-3))
+        moved_m = moved_m * (farther_m.clamp(min=0.0) / length(moved_m).clamp(min=1e-3))
         moved_mps = velocity_mps + normal[:, 4:] * _kernel(velocity_mps, LEAST_KERNEL_MPS)
         flies = copy & (mode != STILL)
         return replace(
             memory,
-            position_m=torch.where(copy[:, None], self._in_band(moved_m + center.float()[..., None]), position_m),
-            velocity_mps=torch.where(flies[:, None], _slowed(moved_mps), velocity_mps),
+            position_m=torch.where(copy[:, None], self._band.inside_m(moved_m + center.float()[..., None]), position_m),
+            velocity_mps=torch.where(flies[:, None], slowed(moved_mps), velocity_mps),
             mode=mode,
         )
 
@@ -311,62 +277,26 @@ class MovingParticleController:
         share = streams.uniform(NUM_PARTICLES)[:, None].float()
         distance_m = NEAREST_M * (share * math.log(self._farthest_m / NEAREST_M)).exp()
         anew = self._spread(streams, distance_m)
-        position_m = self._in_band(anew.position_m + center[rows].float()[..., None])
+        position_m = self._band.inside_m(anew.position_m + center[rows].float()[..., None])
         condition = torch.full_like(anew.condition, int(Condition.LOST))
         return replace(anew, position_m=position_m, time_s=memory.time_s[rows], condition=condition)
 
     def _spread(self, streams: ChaseStreams, distance_m: Float[Tensor, "chase 1 particle"]) -> MovingParticleMemory:
         """Particles at these distances from the origin, wherever the scenario lets targets start."""
-        num_chases = len(streams)
-        towards = streams.standard_normal(3, NUM_PARTICLES)
-        towards = towards / _length(towards).clamp(min=1e-9)
-        # The height of a place that is uniform on a sphere is uniform (Archimedes), and so it is on any belt of it.
-        highest_m = distance_m * math.sin(math.radians(self._scenario.highest_elevation_deg))
-        lowest_m, highest_m = (-highest_m).clamp(min=self._lowest_m), highest_m.clamp(max=self._highest_m)
-        z_m = torch.lerp(lowest_m, highest_m, (towards[:, 2:] + 1) / 2)
-        level = towards[:, :2] / towards[:, :2].square().sum(dim=1, keepdim=True).sqrt().clamp(min=1e-9)
-        level_m = level * (distance_m.square() - z_m.square()).clamp(min=0.0).sqrt()
+        position_m = self._band.drawn_m(streams, distance_m)
         drawn = streams.uniform(NUM_PARTICLES)
         mode = (drawn >= START_SHARE[STILL]).long() + (drawn >= START_SHARE[STILL] + START_SHARE[STEADY]).long()
-        velocity_mps = _slowed(streams.standard_normal(3, NUM_PARTICLES) * (SPEED_SPREAD_MPS * self._axis_share))
-        nothing = torch.zeros(num_chases, dtype=torch.int64)
+        velocity_mps = slowed(streams.standard_normal(3, NUM_PARTICLES) * (SPEED_SPREAD_MPS * self._axis_share))
+        nothing = torch.zeros(len(streams), dtype=torch.int64)
         return MovingParticleMemory(
-            position_m=torch.cat([level_m, z_m], dim=1),
+            position_m=position_m,
             velocity_mps=torch.where((mode == STILL)[:, None], 0.0, velocity_mps),
             mode=mode,
-            time_s=torch.full((num_chases,), math.nan, dtype=torch.float64),
+            time_s=torch.full((len(streams),), math.nan, dtype=torch.float64),
             surprises=nothing,
             condition=nothing.clone(),
             streams=streams,
         )
-
-    def _in_band(self, position_m: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 3 particle"]:
-        """Within the altitudes at which targets fly."""
-        position_m[:, 2].clamp_(self._lowest_m, self._highest_m)
-        return position_m
-
-
-def _correlation_of_powers(scenario: Scenario) -> float:
-    """Between two trackers at one moment: (rho^2 + 2 K rho) / (1 + 2 K), without what the line of sight has in common
-    where its phase is another at each.
-    """
-    rho, k = scenario.spatial_correlation, scenario.rician_k
-    in_step = 2 * k * rho if scenario.los_phase == "common" else 0.0
-    return (rho**2 + in_step) / (1 + 2 * k)
-
-
-def _each(table: Tensor, index: Int[Tensor, "chase particle"]) -> Tensor:
-    """``table[index]``; five times as fast."""
-    return table.index_select(0, index.flatten()).view(index.shape)
-
-
-def _length(vector: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 1 particle"]:
-    return vector.square().sum(dim=1, keepdim=True).sqrt()
-
-
-def _slowed(velocity_mps: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 3 particle"]:
-    """To ``FASTEST_MPS`` where it is faster."""
-    return velocity_mps * (FASTEST_MPS / _length(velocity_mps).clamp(min=FASTEST_MPS))
 
 
 def _kernel(value: Float[Tensor, "chase k particle"], least: float) -> Float[Tensor, "chase k 1"]:

@@ -40,8 +40,8 @@ from ..observation import (
 from ..scenario import NUM_TRACKERS, Scenario, doppler_spread_from_speed_hz
 from .condition import Condition
 from .explanation import Explanation
-from .moving_particle import CLIMB_SHARE, SPEED_SPREAD_MPS
 from .particle import POWER_SPREAD_DB
+from .target_motion import CLIMB_SHARE, SPEED_SPREAD_MPS
 
 MOST_WINDOWS = 128
 """Older windows are forgotten."""

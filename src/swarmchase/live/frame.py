@@ -109,7 +109,8 @@ class ChannelFrame(TypedDict):
     """Of each receiver."""
     left_out: list[str | None]
     """Why each receiver counts for nothing or little: silent, stuck, wrong; null where it counts."""
-    fading_db: float
+    fading_db: float | None
+    """Null where it is told."""
     shadowing_db: float
     """0 where there is none."""
 
@@ -228,7 +229,7 @@ def _channel(found: FoundChannel) -> ChannelFrame:
         exponent=round(found.exponent, 2),
         offset_db=[round(one_db, 1) for one_db in found.offset_db],
         left_out=list(found.left_out),
-        fading_db=round(found.fading_db, 1),
+        fading_db=None if found.fading_db is None else round(found.fading_db, 1),
         shadowing_db=round(found.shadowing_db, 1),
     )
 

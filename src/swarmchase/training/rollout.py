@@ -111,7 +111,7 @@ def _policies(
 
 
 def _tracker_position_m(state: State) -> Float[Tensor, "chase 6 3"]:
-    return tracker_position_m(state.center_m, state.spacing_m).float()
+    return tracker_position_m(state.center_m, state.spacing_m, state.turned_rad).float()
 
 
 def _explored_choice(

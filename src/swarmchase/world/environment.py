@@ -12,7 +12,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.streams import ChaseKey
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
-from ..formation import TRACKER_DIRECTION, Action, tracker_position_m
+from ..formation import Action, tracker_position_m
 from ..observation import Observation
 from ..scenario import Scenario
 from .behaviours import load_behaviour
@@ -38,6 +38,8 @@ class State:
     """How it flies."""
     spacing_m: Float[Tensor, "chase"]
     """d_t, distance of every tracker from the centre."""
+    turned_rad: Float[Tensor, "chase"] | None
+    """How far the trackers' cross has turned since the chase began; None where trackers stop to listen."""
     rssi_dbm: Float[Tensor, "chase sample tracker"]
     """S_t, the window heard since the last decision, float32."""
     sample_time_s: Float[Tensor, "chase sample"]
@@ -45,7 +47,9 @@ class State:
     sample_center_m: Float[Tensor, "chase place 3"]
     """where the centre was,"""
     sample_spacing_m: Float[Tensor, "chase place"]
-    """and how far from it the trackers were."""
+    """how far from it the trackers were,"""
+    sample_turned_rad: Float[Tensor, "chase place"] | None
+    """and how far their cross had turned since the chase began; None where trackers stop to listen."""
     time_s: Float[Tensor, "chase"]
     """Since the chase began."""
     movements: Int[Tensor, "chase"]
@@ -66,7 +70,7 @@ class State:
 
     def observation(self) -> Observation:
         """What a controller may see of it."""
-        places_m = _trackers_m(self.sample_center_m, self.sample_spacing_m)
+        places_m = tracker_position_m(self.sample_center_m, self.sample_spacing_m, self.sample_turned_rad)
         return Observation(self.rssi_dbm, places_m.expand(-1, self.rssi_dbm.shape[1], -1, -1), self.sample_time_s)
 
 
@@ -114,8 +118,16 @@ class Environment:
         leg = self._pace.begin(self._behaviour.begin(keys, start_m), hovering, spacing_m)
         nothing = torch.zeros(len(keys), dtype=torch.int64, device=self._device)
         # It counts as reached by a movement, not where it is there from the first.
-        so_far = leg.path_length_m, leg.least_distance_m, torch.full_like(leg.reached_s, torch.inf)
-        return self._after(leg, spacing_m, nothing, *so_far, self._radio.begin(keys))
+        return self._after(
+            leg,
+            spacing_m,
+            self._turned(None, leg, None),
+            nothing,
+            leg.path_length_m,
+            leg.least_distance_m,
+            torch.full_like(leg.reached_s, torch.inf),
+            self._radio.begin(keys),
+        )
 
     def step(self, state: State, action: Action) -> tuple[State, Outcome]:
         """Carry out one action in every chase: act, fly, listen, judge.
@@ -130,32 +142,57 @@ class Environment:
         least_distance_m = torch.minimum(state.least_distance_m, leg.least_distance_m)
         reached_s = torch.minimum(state.reached_s, leg.reached_s)
         following = self._after(
-            leg, action.spacing_m, state.movements + 1, path_length_m, least_distance_m, reached_s, state.radio
+            leg,
+            action.spacing_m,
+            self._turned(state.turned_rad, leg, action.turn_rad),
+            state.movements + 1,
+            path_length_m,
+            least_distance_m,
+            reached_s,
+            state.radio,
         )
         return following, self._outcome(state, following, leg)
+
+    def _turned(
+        self, before_rad: Float[Tensor, "chase"] | None, leg: Leg, turn_rad: Float[Tensor, "chase"] | None
+    ) -> tuple[Float[Tensor, "chase"], Float[Tensor, "chase place"]] | None:
+        """How far the cross has turned at the end of a leg, and at its samples; None where trackers stop to listen."""
+        if self.scenario.pace == "stop_and_listen":
+            return None
+        if before_rad is None:
+            before_rad = torch.zeros_like(leg.time_s)
+        if turn_rad is None:
+            return before_rad, before_rad[:, None].expand_as(leg.sample_time_s)
+        left_s = leg.time_s[:, None] - leg.sample_time_s
+        after_rad = before_rad + turn_rad
+        return after_rad, after_rad[:, None] - turn_rad[:, None] * (left_s / self.scenario.decision_s).clamp(0.0, 1.0)
 
     def _after(
         self,
         leg: Leg,
         spacing_m: Float[Tensor, "chase"],
+        turned_rad: tuple[Float[Tensor, "chase"], Float[Tensor, "chase place"]] | None,
         movements: Int[Tensor, "chase"],
         path_length_m: Float[Tensor, "chase"],
         least_distance_m: Float[Tensor, "chase"],
         reached_s: Float[Tensor, "chase"],
         radio: RadioState,
     ) -> State:
-        """Listen on a leg."""
-        trackers_m = _trackers_m(leg.sample_center_m, leg.sample_spacing_m)
+        """Listen on a leg; ``turned_rad`` is that at its end and that at its samples."""
+        end_rad, sample_rad = turned_rad or (None, None)
+        trackers_m = tracker_position_m(leg.sample_center_m, leg.sample_spacing_m, sample_rad)
         rssi_dbm, radio = self._radio.heard_dbm(radio, leg.sample_time_s, leg.sample_target_m, trackers_m)
         return State(
             target=leg.target,
             center_m=leg.center_m,
             center_velocity_mps=leg.velocity_mps,
             spacing_m=spacing_m,
+            turned_rad=end_rad,
             rssi_dbm=rssi_dbm,
             sample_time_s=leg.sample_time_s,
             sample_center_m=leg.sample_center_m,
             sample_spacing_m=leg.sample_spacing_m,
+            sample_turned_rad=sample_rad,
             time_s=leg.time_s,
             movements=movements,
             path_length_m=path_length_m,
@@ -174,11 +211,14 @@ class Environment:
         )
 
     def _require_allowed(self, state: State, action: Action) -> None:
-        given, needed = (action.spacing_m, action.displacement_m), (state.spacing_m, state.center_m)
+        given, needed = [action.spacing_m, action.displacement_m], [state.spacing_m, state.center_m]
+        if action.turn_rad is not None:
+            given, needed = [*given, action.turn_rad], [*needed, state.spacing_m]
         if [tuple(part.shape) for part in given] != [tuple(part.shape) for part in needed]:
+            shapes = " and ".join(str(tuple(part.shape)) for part in given)
             raise InputError(
-                f"an action of shapes {tuple(given[0].shape)} and {tuple(given[1].shape)} is refused: "
-                f"{len(state.spacing_m)} chases need spacing_m [chase] and displacement_m [chase, 3]"
+                f"an action of shapes {shapes} is refused: {len(state.spacing_m)} chases need spacing_m [chase], "
+                "displacement_m [chase, 3] and, if any, turn_rad [chase]"
             )
         self._pace.require_allowed(action)
 
@@ -191,13 +231,6 @@ def require_world(scenario: Scenario) -> None:
     """
     Environment(scenario)
     draw_start_m(scenario, [(0, 0)])
-
-
-def _trackers_m(
-    center_m: Float[Tensor, "chase place 3"], spacing_m: Float[Tensor, "chase place"]
-) -> Float[Tensor, "chase place tracker 3"]:
-    """Where the trackers are around each place of their centre."""
-    return center_m[:, :, None] + spacing_m[:, :, None, None] * TRACKER_DIRECTION.to(center_m.device)
 
 
 def distance_to_target_m(state: State) -> Float[Tensor, "chase"]:
@@ -218,14 +251,8 @@ def counterfactual_reward_m(scenario: Scenario, state: State) -> Float[Tensor, "
 
 def unfaded_dbm(scenario: Scenario, state: State) -> Float[Tensor, "chase tracker"]:
     """What each tracker would hear here if nothing faded: only the simulator can know it, float64."""
-    return unfaded_dbm_at(scenario, _tracker_distance_m(state.target_position_m, state.center_m, state.spacing_m))
-
-
-def _tracker_distance_m(
-    target_position_m: Float[Tensor, "chase 3"], center_m: Float[Tensor, "chase 3"], spacing_m: Float[Tensor, "chase"]
-) -> Float[Tensor, "chase tracker"]:
-    distance_m: Tensor = (tracker_position_m(center_m, spacing_m) - target_position_m[:, None, :]).norm(dim=2)
-    return distance_m
+    position_m = tracker_position_m(state.center_m, state.spacing_m, state.turned_rad)
+    return unfaded_dbm_at(scenario, (position_m - state.target_position_m[:, None]).norm(dim=2))
 
 
 def distance_reduction_m(before: State, after: State) -> Float[Tensor, "chase 4"]:

@@ -13,12 +13,12 @@ import torch
 from ..batch.array_types import Float, Tensor
 from ..errors import InputError
 from ..flight import FLIGHT_STEP_S, first_within_s, flown, least_m, length
-from ..formation import Action
+from ..formation import Action, fastest_turn_rad_per_s
 from ..scenario import Scenario
 from .behaviours.protocol import Behaviour, Swarm, Target
 
 SPEED_TOLERANCE = 1e-6
-"""Share by which rounding may make a displacement longer than the swarm can fly."""
+"""Share by which rounding may make a displacement longer than the swarm can fly, and a turn faster."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,9 @@ class StopAndListen:
         )
 
     def require_allowed(self, action: Action) -> None:
-        """Only the choices of the action sets (Section III.A)."""
+        """Only the choices of the action sets (Section III.A); the cross does not turn."""
+        if action.turn_rad is not None:
+            raise InputError("turn_rad is refused: trackers that stop to listen do not turn their cross")
         _require_choices("spacing_m", action.spacing_m, self._spacing_choices_m)
         _require_choices("displacement_m", action.displacement_m, self._displacement_choices_m)
 
@@ -187,7 +189,7 @@ class ListenInFlight:
     """Fly and hear at once, for ``decision_s``. The target is reached anywhere on the way.
 
     The centre's velocity goes to displacement / ``decision_s`` as fast as its acceleration permits, so that it may end
-    short of the displacement, or beside it; the spacing changes evenly.
+    short of the displacement, or beside it; the spacing changes evenly, and so does the direction of the cross.
     """
 
     def __init__(self, scenario: Scenario, behaviour: Behaviour, device: torch.device | str = "cpu") -> None:
@@ -202,9 +204,12 @@ class ListenInFlight:
         self._interval = _Moments(scenario.decision_s, sample_s, device)
         self._farthest_m = scenario.tracker_speed_mps * scenario.decision_s
         self._spacing_m = (min(scenario.spacing_choices_m), max(scenario.spacing_choices_m))
+        self._most_rad = fastest_turn_rad_per_s(scenario) * scenario.decision_s
 
     def require_allowed(self, action: Action) -> None:
-        """Any displacement that is no farther than ``decision_s`` at full speed, any spacing between the choices."""
+        """Any displacement that is no farther than ``decision_s`` at full speed, any spacing between the choices, and
+        no faster a turn than ``fastest_turn_rad_per_s``.
+        """
         lowest_m, highest_m = self._spacing_m
         allowed = (action.spacing_m >= lowest_m) & (action.spacing_m <= highest_m)
         if not allowed.all():
@@ -219,6 +224,13 @@ class ListenInFlight:
                 f"displacement_m of {way_m[~allowed][0].item():.9g} m is refused: allowed is at most "
                 f"{self._farthest_m:g} m, decision_s at tracker_speed_mps"
             )
+        if action.turn_rad is not None:
+            allowed = action.turn_rad.abs() <= self._most_rad * (1 + SPEED_TOLERANCE)
+            if not allowed.all():
+                raise InputError(
+                    f"turn_rad = {action.turn_rad[~allowed][0].item():.9g} is refused: allowed is between "
+                    f"{-self._most_rad:g} and {self._most_rad:g}"
+                )
 
     def begin(self, target: Target, swarm: Swarm, spacing_m: Float[Tensor, "chase"]) -> Leg:
         """Hovers for one interval."""

@@ -205,6 +205,7 @@ class ControllerService:
             action, memory = self._controller.decide(observation, self.memory)
             spacing_m = float(action.spacing_m[0])
             x_m, y_m, z_m = action.displacement_m[0].tolist()
+            # action.turn_rad is not carried out: set-points, and what judges them, know a cross along the axes.
             condition = getattr(memory, "condition", None)
             condition = Condition.TRACKING if condition is None else Condition(int(condition[0]))
         except Exception as error:

@@ -7,7 +7,7 @@ const SMALL_DB = 0.5;
 
 export function channelInWords(channel) {
   const parts = [`power ${signed(channel.power_db)} dB`, `exponent ${number(channel.exponent)}`];
-  parts.push(`fading ${number(channel.fading_db)} dB`);
+  if (channel.fading_db !== null) parts.push(`fading ${number(channel.fading_db)} dB`);
   if (channel.shadowing_db > 0) parts.push(`shadowing ${number(channel.shadowing_db)} dB`);
   channel.left_out.forEach((why, tracker) => {
     if (why) parts.push(`${TRACKER_SIDES[tracker]} ${why}`);
