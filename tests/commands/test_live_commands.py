@@ -28,6 +28,7 @@ from swarmchase.commands.keys import KeysCommand
 from swarmchase.commands.live import LiveCommand
 from swarmchase.commands.serve import ServeCommand, ready_controller
 from swarmchase.commands.tracker import TrackerCommand
+from swarmchase.controllers.adaptive import AdaptiveController
 from swarmchase.live.link.keys import new_keys, read_keys, write_keys
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.link.messages import Heartbeat, PositionReport, TrackerMode
@@ -533,13 +534,10 @@ def test_serve_passes_its_options_on() -> None:
     assert ServeCommand(reached_windows=0).settings().reached_windows == 0
 
 
-def test_whoever_does_not_choose_gets_one_that_survives_and_is_told_of_a_faster_one(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert ServeCommand().controller == LiveCommand().controller == "robust"
-    ready_controller(ServeCommand().controller, Scenario(), 0)
-    told = capsys.readouterr().err.splitlines()
-    assert told == ["robust survives a channel that is not as told; in one that is, recurrent needs fewer movements."]
+def test_whoever_does_not_choose_gets_one_that_needs_to_be_told_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ServeCommand().controller == LiveCommand().controller == "adaptive"
+    assert isinstance(ready_controller(ServeCommand().controller, Scenario(), 0), AdaptiveController)
+    assert capsys.readouterr().err == ""
 
 
 def test_the_pace_neither_drifts_nor_bursts() -> None:
