@@ -28,6 +28,7 @@ from ..formation import Action, nearest_choice
 from ..networks.windows import WindowsNetwork
 from ..observation import Observation, center_m, checked_observation
 from ..scenario import Scenario
+from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, FoundChannel, share_of_savings
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
@@ -185,6 +186,10 @@ class AdaptiveController:
             streams=memory.streams,
         )
         return self._action(memory, center), memory
+
+    def belief(self, memory: AdaptiveMemory) -> Belief:
+        """The particles in proportion to their weights."""
+        return belief_of_particles(memory.position_m, memory.log_weight.exp())
 
     def explain(self, observation: Observation, memory: AdaptiveMemory) -> Explanation:
         """Particles in proportion to their weights, what each choice is worth to them, the channel as it is found."""

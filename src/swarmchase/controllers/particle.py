@@ -30,6 +30,7 @@ from ..channel.propagation import loss_beyond_reference_db, reference_dbm
 from ..formation import Action, nearest_choice
 from ..observation import Observation, center_m, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
+from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, share_of_savings
 
@@ -127,6 +128,10 @@ class ParticleController:
         if depleted:
             memory = _replaced(memory, self._resampled(memory, depleted), depleted)
         return action, memory
+
+    def belief(self, memory: ParticleMemory) -> Belief:
+        """The particles in proportion to their weights."""
+        return belief_of_particles(memory.position_m, memory.log_weight.exp())
 
     def explain(self, observation: Observation, memory: ParticleMemory) -> Explanation:
         """Particles in proportion to their weights, and what each choice is worth to them."""

@@ -1,0 +1,103 @@
+"""What a controller with a belief says of it for the whole batch: where the target is, and how sure it is of that.
+
+Its 95 % region is an ellipsoid about the mean, shaped like the covariance, and so large that 95 % of the belief is
+inside. Of a Gaussian belief that is the ellipsoid of the chi-squared distribution; of particles it is the one that
+holds 95 % of their weight, so that a belief of any shape is held to what it says itself.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..batch.array_types import Bool, Float, Tensor
+
+REGION_SHARE = 0.95
+"""Of the belief, inside its region."""
+GAUSSIAN_REACH = 7.814728
+"""The quantile of the chi-squared distribution with three degrees of freedom: squared standard deviations."""
+LEAST_VARIANCE_M2 = 1e-6
+"""On every axis: what is known better than to a millimetre counts as known to a millimetre."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Where the target was when the last sample was taken, in the chase's own frame, float64."""
+
+    mean_m: Float[Tensor, "chase 3"]
+    covariance_m2: Float[Tensor, "chase 3 3"]
+    """Positive definite."""
+    reach: Float[Tensor, "chase"]
+    """What squared Mahalanobis distance from the mean the region goes to; ``GAUSSIAN_REACH`` of a Gaussian belief."""
+
+    def holds(self, position_m: Float[Tensor, "chase 3"]) -> Bool[Tensor, "chase"]:
+        """Whether these places are inside the region."""
+        apart_m = (position_m - self.mean_m)[..., None]
+        is_held: Tensor = _squared_distance(self.covariance_m2, apart_m)[:, 0] <= self.reach
+        return is_held
+
+    def error_m(self, position_m: Float[Tensor, "chase 3"]) -> Float[Tensor, "chase"]:
+        """From the mean to these places."""
+        error_m: Tensor = torch.linalg.vector_norm(position_m - self.mean_m, dim=1)
+        return error_m
+
+    @property
+    def radius_m(self) -> Float[Tensor, "chase"]:
+        """The longest half axis of the region."""
+        longest_m2: Tensor = torch.linalg.eigvalsh(self.covariance_m2)[:, -1]
+        return (longest_m2 * self.reach).sqrt()
+
+
+@runtime_checkable
+class Believing(Protocol):
+    """A controller that can say its belief; not all have one."""
+
+    def belief(self, memory: Any) -> Belief:
+        """What it believes, from the memory that ``decide`` returned."""
+
+
+def belief_of_particles(
+    position_m: Float[Tensor, "chase 3 particle"], weight: Float[Tensor, "chase particle"] | None = None
+) -> Belief:
+    """The belief of particles with these weights, which add up to 1; None where all weigh the same."""
+    position_m = position_m.float()
+    if weight is None:
+        mean_m = position_m.mean(dim=2)
+        apart_m = position_m - mean_m[..., None]
+        covariance_m2 = (apart_m @ apart_m.mT).double() / position_m.shape[2]
+    else:
+        mean_m = (position_m @ weight.float()[..., None])[..., 0]
+        apart_m = position_m - mean_m[..., None]
+        covariance_m2 = ((apart_m * weight.float()[:, None]) @ apart_m.mT).double()
+    covariance_m2 = covariance_m2 + LEAST_VARIANCE_M2 * torch.eye(3, dtype=torch.float64, device=position_m.device)
+    squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
+    reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
+    return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2))
+
+
+def _quantile(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What ``REGION_SHARE`` of each row do not exceed; eight times as fast as torch's ``kthvalue``."""
+    rank = math.ceil(REGION_SHARE * values.shape[1] - 1e-9) - 1
+    quantile: NDArray[np.float32] = np.partition(values, rank, axis=1)[:, rank]
+    return quantile
+
+
+def _each_as_often(values: NDArray[np.float32], weight: NDArray[np.float64]) -> NDArray[np.float32]:
+    """As many values, each as often as its weight says: what systematic resampling would choose."""
+    number = values.shape[1]
+    cumulative = weight.cumsum(axis=1)
+    edge = np.rint(cumulative * (number / cumulative[:, -1:])).astype(np.int64)
+    times = np.diff(edge, axis=1, prepend=0)
+    return np.repeat(values.ravel(), times.ravel()).reshape(values.shape)
+
+
+def _squared_distance(
+    covariance_m2: Float[Tensor, "chase 3 3"], apart_m: Float[Tensor, "chase 3 point"]
+) -> Float[Tensor, "chase point"]:
+    """Mahalanobis' of places so far apart from the mean, in their own precision."""
+    whitening = torch.linalg.inv(torch.linalg.cholesky(covariance_m2)).to(apart_m)
+    squared: Tensor = (whitening @ apart_m).square_().sum(dim=1)
+    return squared
