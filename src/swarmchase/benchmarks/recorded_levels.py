@@ -22,10 +22,14 @@ from ..errors import InputError
 from ..scenario import NUM_TRACKERS
 from .radio_map import RadioMap
 
-WINDOW_SAMPLES = 5
+WINDOW_LEVELS = 5
 """Of a path once a second: a walker goes as many metres in it."""
+TICKS_A_LEVEL = 10
+"""Controllers take windows of 50 samples: of ten, one was heard."""
 GONE_M = 20.0
 """An emitter that is farther than this from where it was at the beginning has gone. Its GNSS is rounded to 11 m."""
+EXPONENTS = 1.5, 4.5
+"""Of a path loss that is told: a fit to few distances may give any."""
 FEWEST_WINDOWS = 5
 """A shorter piece is left out."""
 M_PER_DEGREE = 110_540.0, 111_320.0
@@ -42,6 +46,8 @@ class Recording:
     """One piece of a path: what was heard at which places, in the frame of its first one."""
 
     name: str
+    path: str
+    """Which it is a piece of."""
     rssi_dbm: Array
     """[window, sample, tracker]; NaN where a tracker heard nothing."""
     tracker_position_m: Array
@@ -76,6 +82,17 @@ def read_paths(folder: Path) -> list[Recording]:
     return recordings
 
 
+def fitted_path_loss(recordings: list[Recording]) -> tuple[float, float]:
+    """Level in dBm at 1 m and exponent of the path loss that fits best, the exponent between those of
+    ``EXPONENTS``."""
+    rssi_dbm = np.concatenate([recording.rssi_dbm.ravel() for recording in recordings])
+    distance_m = np.concatenate([recording.distance_m.ravel() for recording in recordings])
+    log_distance = np.log10(np.maximum(distance_m, 1.0))[np.isfinite(rssi_dbm)]
+    level_dbm = rssi_dbm[np.isfinite(rssi_dbm)]
+    exponent = float(np.clip(np.polyfit(log_distance, level_dbm, 1)[0] / -10, *EXPONENTS))
+    return float((level_dbm + 10 * exponent * log_distance).mean()), exponent
+
+
 def _rows(file: Path) -> list[tuple[float, ...]]:
     """Time in seconds, latitude and longitude of receiver and emitter, level; nothing of a file of another kind."""
     if file.suffix == ".csv":
@@ -95,12 +112,12 @@ def _rows(file: Path) -> list[tuple[float, ...]]:
 
 
 def _pieces(name: str, row: Array) -> list[Recording]:
-    """Windows of ``WINDOW_SAMPLES`` one after another, cut where the emitter has gone."""
-    row = row[: len(row) // WINDOW_SAMPLES * WINDOW_SAMPLES]
+    """Windows of ``WINDOW_LEVELS`` one after another, cut where the emitter has gone."""
+    row = row[: len(row) // WINDOW_LEVELS * WINDOW_LEVELS]
     scale = np.array([math.cos(math.radians(row[0, 1])) * M_PER_DEGREE[1], M_PER_DEGREE[0]])
     receiver_m, emitter_m = (row[:, at][:, ::-1] * scale for at in (slice(1, 3), slice(3, 5)))
-    window = len(row) // WINDOW_SAMPLES
-    target_m = emitter_m.reshape(window, WINDOW_SAMPLES, 2)[:, -1]
+    window = len(row) // WINDOW_LEVELS
+    target_m = emitter_m.reshape(window, WINDOW_LEVELS, 2)[:, -1]
     starts = [0]
     for at in range(1, window):
         if np.linalg.norm(target_m[at] - target_m[starts[-1]]) > GONE_M:
@@ -109,18 +126,19 @@ def _pieces(name: str, row: Array) -> list[Recording]:
     for first, end in zip(starts, [*starts[1:], window], strict=True):
         if end - first < FEWEST_WINDOWS:
             continue
-        rows = slice(first * WINDOW_SAMPLES, end * WINDOW_SAMPLES)
+        rows = slice(first * WINDOW_LEVELS, end * WINDOW_LEVELS)
         here_m = receiver_m[rows] - receiver_m[rows][0]
-        rssi_dbm = np.full((end - first, WINDOW_SAMPLES, NUM_TRACKERS), np.nan)
-        rssi_dbm[..., 0] = row[rows, 5].reshape(end - first, WINDOW_SAMPLES)
-        place_m = np.pad(here_m, ((0, 0), (0, 1))).reshape(end - first, WINDOW_SAMPLES, 1, 3)
+        rssi_dbm = np.full((end - first, WINDOW_LEVELS * TICKS_A_LEVEL, NUM_TRACKERS), np.nan)
+        rssi_dbm[:, ::TICKS_A_LEVEL, 0] = row[rows, 5].reshape(end - first, WINDOW_LEVELS)
+        place_m = np.pad(here_m, ((0, 0), (0, 1))).reshape(end - first, WINDOW_LEVELS, 1, 3)
         recordings.append(
             Recording(
                 name=f"{name}-{first}",
+                path=name,
                 rssi_dbm=rssi_dbm,
-                tracker_position_m=np.repeat(place_m, NUM_TRACKERS, axis=2),
+                tracker_position_m=np.repeat(np.repeat(place_m, TICKS_A_LEVEL, axis=1), NUM_TRACKERS, axis=2),
                 target_position_m=np.pad(target_m[first:end] - receiver_m[rows][0], ((0, 0), (0, 1))),
-                sampling_hz=1.0,
+                sampling_hz=float(TICKS_A_LEVEL),
             )
         )
     return recordings
@@ -137,6 +155,7 @@ def surveys(radio_map: RadioMap, draw: int, num_windows: int, sampling_hz: float
         recordings.append(
             Recording(
                 name=f"survey-{chase}",
+                path="survey",
                 rssi_dbm=np.array([rssi_dbm for rssi_dbm, _ in heard]),
                 tracker_position_m=np.array([np.repeat((at_m - start_m)[None], samples, axis=0) for _, at_m in heard]),
                 target_position_m=np.repeat(target_m[None], len(way_m), axis=0),

@@ -23,10 +23,10 @@ from ..controllers.belief import Believing
 from ..controllers.condition import Condition
 from ..errors import InputError
 from ..observation import Observation
-from ..scenario import Scenario
+from ..scenario import Scenario, paper_scenario
 from .nearness import fitted_scenario, read_map
 from .radio_map import RadioMap
-from .recorded_levels import Recording, read_paths, surveys
+from .recorded_levels import Recording, fitted_path_loss, read_paths, surveys
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,8 +35,11 @@ SURE_M, WRONG_M = 5.0, 15.0
 REACHED_M = 2.0
 NEAREST_M = 6.0
 """The way to a target that is nearer is not judged: that is how well its place was recorded."""
+HEIGHT_M = 2.0
+"""Of the target above or below the swarm's start, at most."""
 MOVEMENTS = 40
 SAMPLES = 50
+"""Of a window, as in Table I."""
 SAMPLING_HZ = 10.0
 GUESSED: dict[str, Any] = {"transmit_power_dbm": -15.0, "path_loss_exponent": 2.6, "start_distance_m": 20.0}
 """-45 dBm at 1 m."""
@@ -107,7 +110,7 @@ def measure(
     if radio_map is not None:
         emitter_m, place_m, rssi_dbm = read_map(radio_map)
         distance_m = np.linalg.norm(place_m[:, None] - emitter_m, axis=2)
-        told = replace(fitted_scenario(distance_m, rssi_dbm)[0], sampling_hz=SAMPLING_HZ, window_samples=SAMPLES)
+        told = replace(fitted_scenario(distance_m, rssi_dbm)[0], sampling_hz=SAMPLING_HZ)
         over = RadioMap(emitter_m, place_m, rssi_dbm)
         result["chases"] = [_chases(controller, over, told, draw, guessed, finished) for draw in draws]
         result["surveys"] = [
@@ -117,8 +120,16 @@ def measure(
         ]
     if paths is not None:
         result["paths"] = {}
-        for recording in read_paths(paths):
-            told, _ = fitted_scenario(recording.distance_m[..., 0], np.nanmean(recording.rssi_dbm, axis=2)[..., None])
+        recordings = read_paths(paths)
+        for recording in recordings:
+            at_1_m_dbm, exponent = fitted_path_loss([one for one in recordings if one.path == recording.path])
+            table_1 = paper_scenario()
+            told = replace(
+                table_1,
+                transmit_power_dbm=at_1_m_dbm + table_1.reference_path_loss_db,
+                path_loss_exponent=exponent,
+                sampling_hz=recording.sampling_hz,
+            )
             result["paths"][recording.name] = _driven(controller, [recording], told, guessed, finished)
     return result
 
@@ -176,7 +187,13 @@ def _chases(
 
 
 def _told(told: Scenario, start_distance_m: float, guessed: bool) -> Scenario:
-    return replace(told, **GUESSED) if guessed else replace(told, start_distance_m=start_distance_m)
+    """With the target's height known to within ``HEIGHT_M``."""
+    height_m = {
+        "lowest_altitude_m": told.start_altitude_m - HEIGHT_M,
+        "highest_altitude_m": told.start_altitude_m + HEIGHT_M,
+    }
+    start_m = {"start_distance_m": start_distance_m}
+    return replace(told, **height_m, **(GUESSED if guessed else start_m))
 
 
 def _angle_deg(moved_m: Array, way_m: Array) -> float:

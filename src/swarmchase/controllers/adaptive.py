@@ -74,6 +74,8 @@ CALIBRATION_SHARE = 0.3
 """Where offsets are as likely as this."""
 LEFT_OUT_SHARE = 0.5
 """A receiver is said to be wrong when it is more likely than this."""
+OUTSIDE = -1e4
+"""The logarithm of the density where the target does not fly."""
 NEAREST_M = 0.1
 """For the logarithm of a distance."""
 
@@ -128,6 +130,10 @@ class AdaptiveController:
         self._network = network.eval()
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
         self._has_offsets = has_offsets().double()
+        self._height_m = tuple(
+            default if altitude_m is None else altitude_m - scenario.start_altitude_m
+            for altitude_m, default in ((scenario.lowest_altitude_m, -math.inf), (scenario.highest_altitude_m, math.inf))
+        )
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> AdaptiveMemory:
         """Particles all around the start."""
@@ -139,6 +145,7 @@ class AdaptiveController:
         is_as_told = torch.arange(NUM_PARTICLES) < SHELL_SHARE * NUM_PARTICLES
         distance_m = torch.where(is_as_told, start_m + SHELL_SPREAD_M * normal, start_m * (FREE_SPREAD * normal).exp())
         position_m = towards * distance_m.abs()
+        position_m[:, 2] = position_m[:, 2].clamp(*self._height_m)
         return AdaptiveMemory(
             position_m=position_m,
             log_weight=torch.full((num_chases, NUM_PARTICLES), -math.log(NUM_PARTICLES), dtype=torch.float64),
@@ -263,7 +270,8 @@ class AdaptiveController:
         as_told = ((distance_m - start_m) / SHELL_SPREAD_M).square() / -2 - math.log(SHELL_SPREAD_M)
         free = ((distance_m / start_m).log() / FREE_SPREAD).square() / -2 - (FREE_SPREAD * distance_m).log()
         both = torch.logaddexp(as_told + math.log(SHELL_SHARE), free + math.log(1 - SHELL_SHARE))
-        return both - 2 * distance_m.log()
+        is_too_high = (position_m[2] < self._height_m[0]) | (position_m[2] > self._height_m[1])
+        return torch.where(is_too_high, OUTSIDE, both - 2 * distance_m.log())
 
     def _action(self, memory: AdaptiveMemory, center: Float[Tensor, "chase 3"]) -> Action:
         left_m = memory.position_m - center.float()[..., None]
