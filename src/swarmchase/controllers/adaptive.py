@@ -17,7 +17,7 @@ not count, a silent or stuck tracker is left out, and in a window without any sa
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -31,6 +31,7 @@ from ..scenario import Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, FoundChannel, share_of_savings
+from .exploration import Exploration, explored, no_exploration
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
 from .unknown_channel import (
     FIELDS,
@@ -95,6 +96,7 @@ class AdaptiveMemory:
     field_log_odds: Float[Tensor, "chase field"]
     """Of shadowing as each of ``FIELDS``, against none."""
     windows: RememberedWindows
+    exploration: Exploration
     condition: Int[Tensor, "chase"]
     """A ``Condition``."""
     streams: ChaseStreams
@@ -132,7 +134,10 @@ class AdaptiveController:
         self._has_offsets = has_offsets().double()
         self._height_m = tuple(
             default if altitude_m is None else altitude_m - scenario.start_altitude_m
-            for altitude_m, default in ((scenario.lowest_altitude_m, -math.inf), (scenario.highest_altitude_m, math.inf))
+            for altitude_m, default in (
+                (scenario.lowest_altitude_m, -math.inf),
+                (scenario.highest_altitude_m, math.inf),
+            )
         )
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> AdaptiveMemory:
@@ -153,6 +158,7 @@ class AdaptiveController:
             pair_share=torch.zeros(num_chases, len(PAIRS), dtype=torch.float64),
             field_log_odds=torch.full((num_chases, len(FIELDS)), LOG_FIELD - LOG_PLAIN, dtype=torch.float64),
             windows=no_windows(self._network, num_chases),
+            exploration=no_exploration(num_chases),
             condition=torch.zeros(num_chases, dtype=torch.int64),
             streams=streams,
         )
@@ -189,8 +195,12 @@ class AdaptiveController:
             pair_share=torch.stack([belief.pair_share for belief in beliefs]).clone(),
             field_log_odds=torch.stack([belief.field_log_odds for belief in beliefs]).clone(),
             windows=windows,
+            exploration=memory.exploration,
             condition=torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING)),
             streams=memory.streams,
+        )
+        memory = replace(
+            memory, exploration=explored(memory.exploration, center, self.belief(memory), self._drawn(memory, place))
         )
         return self._action(memory, center), memory
 
@@ -283,14 +293,24 @@ class AdaptiveController:
             ],
             dim=2,
         )
+        displacement_m = self._displacement_choices_m[expected_m.argmin(dim=2)]
+        displacement_m = memory.exploration.instead_of(displacement_m, center, self._scenario)
         holds = (memory.condition == Condition.DEAF)[:, None]
-        choice = torch.where(holds, self._displacement_choices_m.abs().argmin(), expected_m.argmin(dim=2))
+        displacement_m = torch.where(
+            holds, nearest_choice(self._scenario.displacement_choices_m, torch.zeros(1)), displacement_m
+        )
         spacing_m = nearest_choice(self._scenario.spacing_choices_m, (_length_m(left_m)[:, 0] * weight).sum(dim=1))
         number = memory.windows.heard
         calibrates = (number < CALIBRATION_WINDOWS) & (number % 2 == 1)
         calibrates &= memory.pair_share @ self._has_offsets > CALIBRATION_SHARE
         spacing_m = torch.where(calibrates, min(self._scenario.spacing_choices_m), spacing_m)
-        return Action(spacing_m=spacing_m, displacement_m=self._displacement_choices_m[choice])
+        return Action(spacing_m=spacing_m, displacement_m=displacement_m)
+
+    def _drawn(self, memory: AdaptiveMemory, uniform: Float[Tensor, "chase 1"]) -> Float[Tensor, "chase 3"]:
+        """A place out of each belief."""
+        cumulative = memory.log_weight.exp().cumsum(dim=1)
+        drawn = torch.searchsorted(cumulative, uniform.double() * cumulative[:, -1:]).clamp_(max=NUM_PARTICLES - 1)
+        return memory.position_m.gather(2, drawn[:, None].expand(-1, 3, -1))[..., 0].double()
 
     def _found(self, observation: Observation, memory: AdaptiveMemory) -> FoundChannel | None:
         """What the first chase's windows say of everything but the target's place, if it is at the belief's mean."""
