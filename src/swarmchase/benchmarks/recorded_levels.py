@@ -26,7 +26,7 @@ WINDOW_LEVELS = 5
 """Of a path once a second: a walker goes as many metres in it."""
 TICKS_A_LEVEL = 10
 """Controllers take windows of 50 samples: of ten, one was heard."""
-GONE_M = 20.0
+GONE_M = 10.0
 """An emitter that is farther than this from where it was at the beginning has gone. Its GNSS is rounded to 11 m."""
 EXPONENTS = 1.5, 4.5
 """Of a path loss that is told: a fit to few distances may give any."""

@@ -130,7 +130,7 @@ def measure(
                 path_loss_exponent=exponent,
                 sampling_hz=recording.sampling_hz,
             )
-            result["paths"][recording.name] = _driven(controller, [recording], told, guessed, finished)
+            result["paths"][recording.name] = _driven(controller, [recording] * len(draws), told, guessed, finished)
     return result
 
 
@@ -188,11 +188,11 @@ def _chases(
 
 def _told(told: Scenario, start_distance_m: float, guessed: bool) -> Scenario:
     """With the target's height known to within ``HEIGHT_M``."""
-    height_m = {
+    height_m: dict[str, Any] = {
         "lowest_altitude_m": told.start_altitude_m - HEIGHT_M,
         "highest_altitude_m": told.start_altitude_m + HEIGHT_M,
     }
-    start_m = {"start_distance_m": start_distance_m}
+    start_m: dict[str, Any] = {"start_distance_m": start_distance_m}
     return replace(told, **height_m, **(GUESSED if guessed else start_m))
 
 

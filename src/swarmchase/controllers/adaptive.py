@@ -34,6 +34,7 @@ from .explanation import MOST_POINTS, Explanation, FoundChannel, share_of_saving
 from .exploration import Exploration, explored, no_exploration
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
 from .unknown_channel import (
+    FIELD_TRUST,
     FIELDS,
     LOG_FIELD,
     LOG_PLAIN,
@@ -112,6 +113,14 @@ class _Belief:
     log_density: Float[Tensor, "particle"]
     pair_share: Float[Tensor, "pair"]
     field_log_odds: Float[Tensor, "field"]
+
+
+@dataclass(frozen=True)
+class _Heeded:
+    """The models that are worth heeding, and to what power what they say counts."""
+
+    models: list[Eliminated]
+    trust: float
 
 
 @dataclass(frozen=True)
@@ -221,8 +230,8 @@ class AdaptiveController:
     def _updated(self, belief: _Belief, read: ReadWindows, center: Float[Tensor, "3"], draws: _Draws) -> _Belief:
         """The belief after all these windows."""
         place = _Places(self._scenario, read)
-        density, pair_share, field_log_odds = self._models(belief, place)
-        position_m, log_density = belief.position_m, self._log_density(place, density, belief.position_m)
+        heeded, pair_share, field_log_odds = self._models(belief, place)
+        position_m, log_density = belief.position_m, self._log_density(place, heeded, belief.position_m)
         log_weight = belief.log_weight + log_density - belief.log_density
         log_weight = log_weight - log_weight.logsumexp(dim=0)
         if 1 / (2 * log_weight).exp().sum() < RESAMPLING_SHARE * NUM_PARTICLES:
@@ -233,7 +242,7 @@ class AdaptiveController:
             log_weight = torch.full_like(log_weight, -math.log(NUM_PARTICLES))
         for normal, uniform in zip(draws.normal, draws.uniform, strict=True):
             proposed_m = _proposed(position_m, log_weight, center, normal, uniform)
-            proposed_density = self._log_density(place, density, proposed_m)
+            proposed_density = self._log_density(place, heeded, proposed_m)
             is_accepted = uniform[3].log() < proposed_density - log_density
             position_m = torch.where(is_accepted, proposed_m, position_m)
             log_density = torch.where(is_accepted, proposed_density, log_density)
@@ -241,7 +250,7 @@ class AdaptiveController:
 
     def _models(
         self, belief: _Belief, place: "_Places"
-    ) -> tuple[list[Eliminated], Float[Tensor, "pair"], Float[Tensor, "field"]]:
+    ) -> tuple[_Heeded, Float[Tensor, "pair"], Float[Tensor, "field"]]:
         """The models that are worth heeding, how probable each pair is, and shadowing.
 
         Some particles probe all pairs, with and without shadowing as one of ``FIELDS``: another in each window.
@@ -263,15 +272,17 @@ class AdaptiveController:
             field = field if best == turn else place.field_errors(best)
             density.append(Eliminated(field, LOG_FIELD, _worth_it(shadowed)))
         is_shadowed = len(density) > 1 and field_log_odds[best] > 0
-        return density, (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds
+        trust = 1 - (1 - FIELD_TRUST) * float(field_log_odds[best].sigmoid()) if len(density) > 1 else 1.0
+        return _Heeded(density, trust), (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds
 
     def _log_density(
-        self, place: "_Places", density: list[Eliminated], position_m: Float[Tensor, "3 particle"]
+        self, place: "_Places", heeded: _Heeded, position_m: Float[Tensor, "3 particle"]
     ) -> Float[Tensor, "particle"]:
         residual, slope = place.residual_and_slope(position_m)
-        likely = torch.cat([models.log_likelihoods(residual, slope).flatten(0, 1) for models in density])
+        likely = torch.cat([models.log_likelihoods(residual, slope).flatten(0, 1) for models in heeded.models])
         highest = likely.amax(dim=0)
-        return (likely - highest).exp_().sum(dim=0).log_().add_(highest).double() + self._log_prior(position_m)
+        likely = (likely - highest).exp_().sum(dim=0).log_().add_(highest).double()
+        return heeded.trust * likely + self._log_prior(position_m)
 
     def _log_prior(self, position_m: Float[Tensor, "3 particle"]) -> Float[Tensor, "particle"]:
         """Of places before anything was heard, from the distance to the start alone."""
