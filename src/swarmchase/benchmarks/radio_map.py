@@ -1,17 +1,24 @@
 """A real radio map to chase over: what was recorded at places, of several emitters.
 
-It is two tables in a folder, which ``nearness`` reads. A tracker hears, and is said to be, at the place nearest to
+It is two tables in a folder: ``sensors.csv`` (sensor, x_m, y_m, z_m) and ``radio_map.csv`` (x_m, y_m, z_m, sensor,
+rssi_dbm: levels in order of time, separated by blanks), made of set 1 of the Position-Annotated BLE RSSI Dataset
+(F. S. Danis et al., Pervasive and Mobile Computing 81, 2022). By reciprocity each sensor is an emitter and each place
+a receiver. A tracker hears, and is said to be, at the place nearest to
 where it would be; of the levels recorded there, a window is drawn as they followed one another.
 """
 
+import csv
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import InputError
 from ..formation import TRACKER_DIRECTION
+from ..scenario import Scenario, paper_scenario
 
 FARTHER_THAN_M = 6.7
 """A chase does not start nearer to its emitter: in the furnished hall of 81 places that leaves 44 of 48."""
@@ -21,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RadioMap:
-    """What ``nearness.read_map`` returns."""
+    """What ``read_map`` returns."""
 
     emitter_m: Array
     """[emitter, xyz]."""
@@ -59,3 +66,41 @@ class RadioMap:
         first = generator.integers(self.rssi_dbm.shape[2] - samples + 1, size=len(place))
         at = first[:, None] + np.arange(samples)
         return self.rssi_dbm[place[:, None], emitter, at].T, self.place_m[place]
+
+
+def read_map(folder: Path) -> tuple[Array, Array, Array]:
+    """Emitters [emitter, xyz], places [place, xyz] and levels in dBm [place, emitter, sample].
+
+    Raises:
+        InputError: a table is missing, or holds something else.
+    """
+    try:
+        with open(folder / "sensors.csv", newline="", encoding="utf-8") as file:
+            emitters = {row["sensor"]: _point_m(row) for row in csv.DictReader(file)}
+        with open(folder / "radio_map.csv", newline="", encoding="utf-8") as file:
+            heard = {
+                (_point_m(row), row["sensor"]): [float(level) for level in row["rssi_dbm"].split()]
+                for row in csv.DictReader(file)
+            }
+        places = sorted({place for place, _ in heard})
+        samples = min(len(levels) for levels in heard.values())
+        rssi_dbm = [[heard[place, sensor][:samples] for sensor in emitters] for place in places]
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{folder} holds no radio map: {type(error).__name__}: {error}") from error
+    return np.array(list(emitters.values())), np.array(places), np.array(rssi_dbm)
+
+
+def _point_m(row: dict[str, str]) -> tuple[float, float, float]:
+    return float(row["x_m"]), float(row["y_m"]), float(row["z_m"])
+
+
+def fitted_scenario(distance_m: Array, rssi_dbm: Array) -> tuple[Scenario, float]:
+    """Table I with the path loss that fits the mean levels best (least squares), and the deviation that stays."""
+    log_distance = np.log10(np.maximum(distance_m, 1.0)).ravel()
+    level_dbm = rssi_dbm.mean(axis=2).ravel()
+    slope, at_1_m_dbm = np.polyfit(log_distance, level_dbm, 1)
+    scenario = paper_scenario(
+        transmit_power_dbm=paper_scenario().reference_path_loss_db + float(at_1_m_dbm),
+        path_loss_exponent=-float(slope) / 10,
+    )
+    return scenario, float(np.std(level_dbm - at_1_m_dbm - slope * log_distance))

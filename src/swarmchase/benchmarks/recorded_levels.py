@@ -75,7 +75,7 @@ def read_paths(folder: Path) -> list[Recording]:
             rows = _rows(file)
             if rows:
                 recordings += _pieces(file.stem, np.array(rows))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{folder} holds no recorded paths: {type(error).__name__}: {error}") from error
     if not recordings:
         raise InputError(f"{folder} holds no recorded paths")
@@ -107,7 +107,7 @@ def _rows(file: Path) -> list[tuple[float, ...]]:
     records: dict[str, dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
     return [
         (float(time_s), *record["position"], *reversed(record["drone_position"]), record["rssi"])
-        for time_s, record in sorted(records.items())
+        for time_s, record in sorted(records.items(), key=lambda item: float(item[0]))
     ]
 
 

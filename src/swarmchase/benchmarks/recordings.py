@@ -24,8 +24,7 @@ from ..controllers.condition import Condition
 from ..errors import InputError
 from ..observation import Observation
 from ..scenario import Scenario, paper_scenario
-from .nearness import fitted_scenario, read_map
-from .radio_map import RadioMap
+from .radio_map import RadioMap, fitted_scenario, read_map
 from .recorded_levels import Recording, fitted_path_loss, read_paths, surveys
 
 if TYPE_CHECKING:
@@ -96,8 +95,8 @@ def measure(
     radio_map: Path | None,
     paths: Path | None,
     draws: list[int],
-    guessed: bool = False,
-    finished: Callable[[], None] = lambda: None,
+    guessed: bool,
+    finished: Callable[[], None],
 ) -> dict[str, Any]:
     """What is measured of each recording, and of chases over the map.
 

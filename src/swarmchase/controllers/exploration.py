@@ -21,6 +21,8 @@ WIDE_M = 5.0
 """A belief is wide whose region has a larger radius: about one movement."""
 NEAR_M = 3.0
 """A swarm that goes no farther than this stays where it is; nearer to its goal it is there."""
+BLOCKED_M = 1.0
+"""On the way to its goal: what moved less was stopped, by a fence for one."""
 PATIENCE = 3
 """It may stay for so many windows."""
 
@@ -35,6 +37,8 @@ class Exploration:
     """Where it last came to."""
     stays: Int[Tensor, "chase"]
     """Windows that it heard there."""
+    last_m: Float[Tensor, "chase 3"]
+    """Where it was in the last window."""
 
     def instead_of(
         self, displacement_m: Float[Tensor, "chase 3"], center_m: Float[Tensor, "chase 3"], scenario: Scenario
@@ -51,6 +55,7 @@ def no_exploration(num_chases: int) -> Exploration:
         goal_m=torch.full((num_chases, 3), math.nan, dtype=torch.float64),
         anchor_m=torch.zeros(num_chases, 3, dtype=torch.float64),
         stays=torch.zeros(num_chases, dtype=torch.int64),
+        last_m=torch.zeros(num_chases, 3, dtype=torch.float64),
     )
 
 
@@ -62,7 +67,8 @@ def explored(
     stays = torch.where(has_moved, 1, exploration.stays + 1)
     anchor_m = torch.where(has_moved[:, None], center_m, exploration.anchor_m)
     is_wide = belief.radius_m > WIDE_M
-    is_parked = stays >= PATIENCE
+    is_blocked = exploration.goal_m.isfinite().all(dim=1) & ((center_m - exploration.last_m).norm(dim=1) < BLOCKED_M)
+    is_parked = (stays >= PATIENCE) | is_blocked
     is_there = (exploration.goal_m - center_m).norm(dim=1) < NEAR_M
     goal_m = torch.where((is_there | is_parked | ~is_wide)[:, None], math.nan, exploration.goal_m)
     begins = is_parked & is_wide
@@ -70,4 +76,5 @@ def explored(
         goal_m=torch.where(begins[:, None], drawn_m, goal_m),
         anchor_m=anchor_m,
         stays=torch.where(begins, 0, stays),
+        last_m=center_m,
     )

@@ -17,7 +17,7 @@ misjudged as a whole makes the likelihood a Student's t with ``DEGREES_OF_FREEDO
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 
@@ -106,6 +106,7 @@ class Sums:
     s_by_tracker: Float[Tensor, "6 place"]
 
 
+@runtime_checkable
 class Errors(Protocol):
     """The law of the levels' errors, which is the same for all places."""
 
