@@ -66,6 +66,9 @@ LEAST_SPREAD_M = 0.2
 """Of the belief, for its steps."""
 MIRRORED_SHARE = 0.15
 """Of the steps, those that are reflections."""
+WIDE_SHARE = 0.1
+"""Of the steps, those that are as wide as the distance at the start, whatever the belief's shape; half of them on the
+level. A belief that has shrunk at a wrong place finds another so."""
 PROBED_EVERY = 10
 """Of so many particles one probes all models; the others heed those that are worth it."""
 LEAST_LOG_SHARE = -7.0
@@ -241,7 +244,7 @@ class AdaptiveController:
             position_m, log_density = position_m[:, parent], log_density[parent]
             log_weight = torch.full_like(log_weight, -math.log(NUM_PARTICLES))
         for normal, uniform in zip(draws.normal, draws.uniform, strict=True):
-            proposed_m = _proposed(position_m, log_weight, center, normal, uniform)
+            proposed_m = _proposed(position_m, log_weight, center, self._scenario.start_distance_m, normal, uniform)
             proposed_density = self._log_density(place, heeded, proposed_m)
             is_accepted = uniform[3].log() < proposed_density - log_density
             position_m = torch.where(is_accepted, proposed_m, position_m)
@@ -386,6 +389,7 @@ def _proposed(
     position_m: Float[Tensor, "3 particle"],
     log_weight: Float[Tensor, "particle"],
     center: Float[Tensor, "3"],
+    widest_m: float,
     normal: Float[Tensor, "3 particle"],
     uniform: Float[Tensor, "4 particle"],
 ) -> Float[Tensor, "3 particle"]:
@@ -398,7 +402,10 @@ def _proposed(
     axis = (4 * uniform[2]).long()
     is_mirrored = (axis == torch.arange(3)[:, None]) | (axis == 3)
     mirrored_m = torch.where(is_mirrored, 2 * center[:, None] - position_m, position_m)
-    return torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+    proposed_m = torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+    is_level = (uniform[2] < 0.5) & (torch.arange(3) == 2)[:, None]
+    wide_m = torch.where(is_level, 0.0, widest_m ** uniform[0].float() * normal)
+    return torch.where(uniform[1] > 1 - WIDE_SHARE, position_m + wide_m, proposed_m)
 
 
 def _worth_it(log_share: Float[Tensor, "pair"]) -> Int[Tensor, "worthy"]:
