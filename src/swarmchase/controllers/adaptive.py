@@ -11,9 +11,11 @@ read now, and resamples them where few are left; then every particle may move, b
 belief's own shape, and reflections at the swarm's centre: near the target the levels do not tell its sides apart. So
 particles never freeze beside the truth.
 
-On each axis it takes the displacement that leaves the least expected distance. While offsets are likely, every other of
-the first windows is heard with the trackers close together: what differs there is not the distance. Missing samples do
-not count, a silent or stuck tracker is left out, and in a window without any sample it holds still.
+On each axis it takes the displacement that leaves the least expected distance; where that leads nowhere although the
+belief is wide, it explores (``exploration``). Heights at which targets fly are believed where they are told. While
+offsets are likely, every other of the first windows is heard with the trackers close together: what differs there is
+not the distance. Missing samples do not count, a silent or stuck tracker is left out, and in a window without any
+sample it holds still.
 """
 
 import math
