@@ -52,6 +52,7 @@ COMMANDS = {
     "benchmark liars": "benchmark.BenchmarkLiarsCommand",
     "benchmark separation": "benchmark.BenchmarkSeparationCommand",
     "benchmark nearness": "benchmark.BenchmarkNearnessCommand",
+    "benchmark recordings": "benchmark.BenchmarkRecordingsCommand",
     "benchmark soak": "benchmark.BenchmarkSoakCommand",
     "benchmark kills": "benchmark.BenchmarkKillsCommand",
     "keys": "keys.KeysCommand",

@@ -1,26 +1,22 @@
 """When the live service says "reached" over a real radio map: at how many places near an emitter and far from it.
 
-The map is two tables in a folder: ``sensors.csv`` (sensor, x_m, y_m, z_m) and ``radio_map.csv`` (x_m, y_m, z_m, sensor,
-rssi_dbm: levels in order of time, separated by blanks), made of set 1 of the Position-Annotated BLE RSSI Dataset
-(F. S. Danis et al., Pervasive and Mobile Computing 81, 2022). By reciprocity each sensor is an emitter and each place
-a receiver. The swarm hovers around every place, each tracker hears what was recorded at the place nearest to it, and
-the judge is told one path loss, the best fit to the mean levels of the whole map. A place counts as called if any of
-its windows is: they follow one another as long as the recording lasts.
+The map is that of ``radio_map``. The swarm hovers around every place, each tracker hears what was recorded at the place
+nearest to it, and the judge is told one path loss, the best fit to the mean levels of the whole map. A place counts as
+called if any of its windows is: they follow one another as long as the recording lasts.
 """
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError
 from ..formation import TRACKER_DIRECTION
 from ..levels import highest_dbm, is_level
 from ..live.service.nearness import NearnessJudge
 from ..live.service.settings import OperatorSettings
-from ..scenario import Scenario, paper_scenario
+from ..scenario import Scenario
+from .radio_map import fitted_scenario, read_map
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -61,44 +57,6 @@ def measure(folder: Path) -> dict[str, Any]:
         "pairs": {name: int(((distance_m > low) & (distance_m <= high)).sum()) for name, (low, high) in _BANDS.items()},
         "called_reached": rows,
     }
-
-
-def read_map(folder: Path) -> tuple[Array, Array, Array]:
-    """Emitters [emitter, xyz], places [place, xyz] and levels in dBm [place, emitter, sample].
-
-    Raises:
-        InputError: a table is missing, or holds something else.
-    """
-    try:
-        with open(folder / "sensors.csv", newline="", encoding="utf-8") as file:
-            emitters = {row["sensor"]: _point_m(row) for row in csv.DictReader(file)}
-        with open(folder / "radio_map.csv", newline="", encoding="utf-8") as file:
-            heard = {
-                (_point_m(row), row["sensor"]): [float(level) for level in row["rssi_dbm"].split()]
-                for row in csv.DictReader(file)
-            }
-        places = sorted({place for place, _ in heard})
-        samples = min(len(levels) for levels in heard.values())
-        rssi_dbm = [[heard[place, sensor][:samples] for sensor in emitters] for place in places]
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"{folder} holds no radio map: {type(error).__name__}: {error}") from error
-    return np.array(list(emitters.values())), np.array(places), np.array(rssi_dbm)
-
-
-def _point_m(row: dict[str, str]) -> tuple[float, float, float]:
-    return float(row["x_m"]), float(row["y_m"]), float(row["z_m"])
-
-
-def fitted_scenario(distance_m: Array, rssi_dbm: Array) -> tuple[Scenario, float]:
-    """Table I with the path loss that fits the mean levels best (least squares), and the deviation that stays."""
-    log_distance = np.log10(np.maximum(distance_m, 1.0)).ravel()
-    level_dbm = rssi_dbm.mean(axis=2).ravel()
-    slope, at_1_m_dbm = np.polyfit(log_distance, level_dbm, 1)
-    scenario = paper_scenario(
-        transmit_power_dbm=paper_scenario().reference_path_loss_db + float(at_1_m_dbm),
-        path_loss_exponent=-float(slope) / 10,
-    )
-    return scenario, float(np.std(level_dbm - at_1_m_dbm - slope * log_distance))
 
 
 def _called(scenario: Scenario, spacing_m: float, place_m: Array, rssi_dbm: Array) -> npt.NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import itertools
 import math
 import time
 from dataclasses import dataclass
@@ -203,6 +204,44 @@ class BenchmarkNearnessCommand(_BenchmarkCommand):
     def run(self) -> None:
         """Measure and report."""
         self.report("nearness", folder=self.map)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkRecordingsCommand(_BenchmarkCommand):
+    """A controller on what real receivers heard: which way it goes, whether its belief is true, chases over a map."""
+
+    controller: str = "adaptive"
+    """As for swarmchase evaluate."""
+    map: Path | None = None
+    """A folder with sensors.csv and radio_map.csv: chases, and ways that do not depend on the controller."""
+    paths: Path | None = None
+    """A folder with tables of one receiver's levels and places, and the emitter's places."""
+    draws: int = 3
+    """Draws of windows of the map; paths are repeated with as many random numbers."""
+    first_draw: int = 0
+    """The others follow."""
+    guessed: bool = False
+    """Controllers are told what somebody guesses, not what fits the recordings best."""
+
+    def run(self) -> None:
+        """Measure and report.
+
+        Raises:
+            InputError: nothing to measure, or numbers that cannot be.
+        """
+        if self.draws < 1 or self.first_draw < 0:
+            raise InputError("draws must be at least 1, first-draw at least 0")
+        finished = itertools.count(1)
+        with progress_bar("recordings", 2 * self.draws, "") as show:
+            self.report(
+                "recordings",
+                controller=self.controller,
+                radio_map=self.map,
+                paths=self.paths,
+                draws=list(range(self.first_draw, self.first_draw + self.draws)),
+                guessed=self.guessed,
+                finished=lambda: show(next(finished), "", ""),
+            )
 
 
 class BenchmarkKillsCommand(_BenchmarkCommand):

@@ -11,13 +11,15 @@ read now, and resamples them where few are left; then every particle may move, b
 belief's own shape, and reflections at the swarm's centre: near the target the levels do not tell its sides apart. So
 particles never freeze beside the truth.
 
-On each axis it takes the displacement that leaves the least expected distance. While offsets are likely, every other of
-the first windows is heard with the trackers close together: what differs there is not the distance. Missing samples do
-not count, a silent or stuck tracker is left out, and in a window without any sample it holds still.
+On each axis it takes the displacement that leaves the least expected distance; where that leads nowhere although the
+belief is wide, it explores (``exploration``). Heights at which targets fly are believed where they are told. While
+offsets are likely, every other of the first windows is heard with the trackers close together: what differs there is
+not the distance. Missing samples do not count, a silent or stuck tracker is left out, and in a window without any
+sample it holds still.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -31,8 +33,10 @@ from ..scenario import Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, FoundChannel, reasons_left_out, share_of_savings
+from .exploration import Exploration, explored, no_exploration
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
 from .unknown_channel import (
+    FIELD_TRUST,
     FIELDS,
     LOG_FIELD,
     LOG_PLAIN,
@@ -64,6 +68,9 @@ LEAST_SPREAD_M = 0.2
 """Of the belief, for its steps."""
 MIRRORED_SHARE = 0.15
 """Of the steps, those that are reflections."""
+WIDE_SHARE = 0.1
+"""Of the steps, those that are as wide as the distance at the start, whatever the belief's shape; half of them on the
+level. A belief that has shrunk at a wrong place finds another so."""
 PROBED_EVERY = 10
 """Of so many particles one probes all models; the others heed those that are worth it."""
 LEAST_LOG_SHARE = -7.0
@@ -74,6 +81,8 @@ CALIBRATION_SHARE = 0.3
 """Where offsets are as likely as this."""
 LEFT_OUT_SHARE = 0.5
 """A receiver is said to be wrong when it is more likely than this."""
+OUTSIDE = -1e4
+"""The logarithm of the density where the target does not fly."""
 NEAREST_M = 0.1
 """For the logarithm of a distance."""
 
@@ -93,6 +102,7 @@ class AdaptiveMemory:
     field_log_odds: Float[Tensor, "chase field"]
     """Of shadowing as each of ``FIELDS``, against none."""
     windows: RememberedWindows
+    exploration: Exploration
     condition: Int[Tensor, "chase"]
     """A ``Condition``."""
     streams: ChaseStreams
@@ -108,6 +118,14 @@ class _Belief:
     log_density: Float[Tensor, "particle"]
     pair_share: Float[Tensor, "pair"]
     field_log_odds: Float[Tensor, "field"]
+
+
+@dataclass(frozen=True)
+class _Heeded:
+    """The models that are worth heeding, and to what power what they say counts."""
+
+    models: list[Eliminated]
+    trust: float
 
 
 @dataclass(frozen=True)
@@ -128,6 +146,13 @@ class AdaptiveController:
         self._network = network.eval()
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
         self._has_offsets = has_offsets().double()
+        self._height_m = tuple(
+            default if altitude_m is None else altitude_m - scenario.start_altitude_m
+            for altitude_m, default in (
+                (scenario.lowest_altitude_m, -math.inf),
+                (scenario.highest_altitude_m, math.inf),
+            )
+        )
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> AdaptiveMemory:
         """Particles all around the start."""
@@ -139,6 +164,7 @@ class AdaptiveController:
         is_as_told = torch.arange(NUM_PARTICLES) < SHELL_SHARE * NUM_PARTICLES
         distance_m = torch.where(is_as_told, start_m + SHELL_SPREAD_M * normal, start_m * (FREE_SPREAD * normal).exp())
         position_m = towards * distance_m.abs()
+        position_m[:, 2] = position_m[:, 2].clamp(*self._height_m)
         return AdaptiveMemory(
             position_m=position_m,
             log_weight=torch.full((num_chases, NUM_PARTICLES), -math.log(NUM_PARTICLES), dtype=torch.float64),
@@ -146,6 +172,7 @@ class AdaptiveController:
             pair_share=torch.zeros(num_chases, len(PAIRS), dtype=torch.float64),
             field_log_odds=torch.full((num_chases, len(FIELDS)), LOG_FIELD - LOG_PLAIN, dtype=torch.float64),
             windows=no_windows(self._network, num_chases),
+            exploration=no_exploration(num_chases),
             condition=torch.zeros(num_chases, dtype=torch.int64),
             streams=streams,
         )
@@ -182,8 +209,12 @@ class AdaptiveController:
             pair_share=torch.stack([belief.pair_share for belief in beliefs]).clone(),
             field_log_odds=torch.stack([belief.field_log_odds for belief in beliefs]).clone(),
             windows=windows,
+            exploration=memory.exploration,
             condition=torch.where(deaf, int(Condition.DEAF), int(Condition.TRACKING)),
             streams=memory.streams,
+        )
+        memory = replace(
+            memory, exploration=explored(memory.exploration, center, self.belief(memory), self._drawn(memory, place))
         )
         return self._action(memory, center), memory
 
@@ -206,8 +237,8 @@ class AdaptiveController:
     def _updated(self, belief: _Belief, read: ReadWindows, center: Float[Tensor, "3"], draws: _Draws) -> _Belief:
         """The belief after all these windows."""
         place = _Places(self._scenario, read)
-        density, pair_share, field_log_odds = self._models(belief, place)
-        position_m, log_density = belief.position_m, self._log_density(place, density, belief.position_m)
+        heeded, pair_share, field_log_odds = self._models(belief, place)
+        position_m, log_density = belief.position_m, self._log_density(place, heeded, belief.position_m)
         log_weight = belief.log_weight + log_density - belief.log_density
         log_weight = log_weight - log_weight.logsumexp(dim=0)
         if 1 / (2 * log_weight).exp().sum() < RESAMPLING_SHARE * NUM_PARTICLES:
@@ -217,8 +248,8 @@ class AdaptiveController:
             position_m, log_density = position_m[:, parent], log_density[parent]
             log_weight = torch.full_like(log_weight, -math.log(NUM_PARTICLES))
         for normal, uniform in zip(draws.normal, draws.uniform, strict=True):
-            proposed_m = _proposed(position_m, log_weight, center, normal, uniform)
-            proposed_density = self._log_density(place, density, proposed_m)
+            proposed_m = _proposed(position_m, log_weight, center, self._scenario.start_distance_m, normal, uniform)
+            proposed_density = self._log_density(place, heeded, proposed_m)
             is_accepted = uniform[3].log() < proposed_density - log_density
             position_m = torch.where(is_accepted, proposed_m, position_m)
             log_density = torch.where(is_accepted, proposed_density, log_density)
@@ -226,7 +257,7 @@ class AdaptiveController:
 
     def _models(
         self, belief: _Belief, place: "_Places"
-    ) -> tuple[list[Eliminated], Float[Tensor, "pair"], Float[Tensor, "field"]]:
+    ) -> tuple[_Heeded, Float[Tensor, "pair"], Float[Tensor, "field"]]:
         """The models that are worth heeding, how probable each pair is, and shadowing.
 
         Some particles probe all pairs, with and without shadowing as one of ``FIELDS``: another in each window.
@@ -248,15 +279,17 @@ class AdaptiveController:
             field = field if best == turn else place.field_errors(best)
             density.append(Eliminated(field, LOG_FIELD, _worth_it(shadowed)))
         is_shadowed = len(density) > 1 and field_log_odds[best] > 0
-        return density, (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds
+        trust = 1 - (1 - FIELD_TRUST) * float(field_log_odds[best].sigmoid()) if len(density) > 1 else 1.0
+        return _Heeded(density, trust), (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds
 
     def _log_density(
-        self, place: "_Places", density: list[Eliminated], position_m: Float[Tensor, "3 particle"]
+        self, place: "_Places", heeded: _Heeded, position_m: Float[Tensor, "3 particle"]
     ) -> Float[Tensor, "particle"]:
         residual, slope = place.residual_and_slope(position_m)
-        likely = torch.cat([models.log_likelihoods(residual, slope).flatten(0, 1) for models in density])
+        likely = torch.cat([models.log_likelihoods(residual, slope).flatten(0, 1) for models in heeded.models])
         highest = likely.amax(dim=0)
-        return (likely - highest).exp_().sum(dim=0).log_().add_(highest).double() + self._log_prior(position_m)
+        likely = (likely - highest).exp_().sum(dim=0).log_().add_(highest).double()
+        return heeded.trust * likely + self._log_prior(position_m)
 
     def _log_prior(self, position_m: Float[Tensor, "3 particle"]) -> Float[Tensor, "particle"]:
         """Of places before anything was heard, from the distance to the start alone."""
@@ -265,7 +298,8 @@ class AdaptiveController:
         as_told = ((distance_m - start_m) / SHELL_SPREAD_M).square() / -2 - math.log(SHELL_SPREAD_M)
         free = ((distance_m / start_m).log() / FREE_SPREAD).square() / -2 - (FREE_SPREAD * distance_m).log()
         both = torch.logaddexp(as_told + math.log(SHELL_SHARE), free + math.log(1 - SHELL_SHARE))
-        return both - 2 * distance_m.log()
+        is_too_high = (position_m[2] < self._height_m[0]) | (position_m[2] > self._height_m[1])
+        return torch.where(is_too_high, OUTSIDE, both - 2 * distance_m.log())
 
     def _action(self, memory: AdaptiveMemory, center: Float[Tensor, "chase 3"]) -> Action:
         left_m = memory.position_m - center.float()[..., None]
@@ -277,14 +311,24 @@ class AdaptiveController:
             ],
             dim=2,
         )
+        displacement_m = self._displacement_choices_m[expected_m.argmin(dim=2)]
+        displacement_m = memory.exploration.instead_of(displacement_m, center, self._scenario)
         holds = (memory.condition == Condition.DEAF)[:, None]
-        choice = torch.where(holds, self._displacement_choices_m.abs().argmin(), expected_m.argmin(dim=2))
+        displacement_m = torch.where(
+            holds, nearest_choice(self._scenario.displacement_choices_m, torch.zeros(1)), displacement_m
+        )
         spacing_m = nearest_choice(self._scenario.spacing_choices_m, (_length_m(left_m)[:, 0] * weight).sum(dim=1))
         number = memory.windows.heard
         calibrates = (number < CALIBRATION_WINDOWS) & (number % 2 == 1)
         calibrates &= memory.pair_share @ self._has_offsets > CALIBRATION_SHARE
         spacing_m = torch.where(calibrates, min(self._scenario.spacing_choices_m), spacing_m)
-        return Action(spacing_m=spacing_m, displacement_m=self._displacement_choices_m[choice])
+        return Action(spacing_m=spacing_m, displacement_m=displacement_m)
+
+    def _drawn(self, memory: AdaptiveMemory, uniform: Float[Tensor, "chase 1"]) -> Float[Tensor, "chase 3"]:
+        """A place out of each belief."""
+        cumulative = memory.log_weight.exp().cumsum(dim=1)
+        drawn = torch.searchsorted(cumulative, uniform.double() * cumulative[:, -1:]).clamp_(max=NUM_PARTICLES - 1)
+        return memory.position_m.gather(2, drawn[:, None].expand(-1, 3, -1))[..., 0].double()
 
     def _found(self, observation: Observation, memory: AdaptiveMemory) -> FoundChannel | None:
         """What the first chase's windows say of everything but the target's place, if it is at the belief's mean."""
@@ -343,6 +387,7 @@ def _proposed(
     position_m: Float[Tensor, "3 particle"],
     log_weight: Float[Tensor, "particle"],
     center: Float[Tensor, "3"],
+    widest_m: float,
     normal: Float[Tensor, "3 particle"],
     uniform: Float[Tensor, "4 particle"],
 ) -> Float[Tensor, "3 particle"]:
@@ -355,7 +400,10 @@ def _proposed(
     axis = (4 * uniform[2]).long()
     is_mirrored = (axis == torch.arange(3)[:, None]) | (axis == 3)
     mirrored_m = torch.where(is_mirrored, 2 * center[:, None] - position_m, position_m)
-    return torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+    proposed_m = torch.where(uniform[1] < MIRRORED_SHARE, mirrored_m, stepped_m)
+    is_level = (uniform[2] < 0.5) & (torch.arange(3) == 2)[:, None]
+    wide_m = torch.where(is_level, 0.0, widest_m ** uniform[0].float() * normal)
+    return torch.where(uniform[1] > 1 - WIDE_SHARE, position_m + wide_m, proposed_m)
 
 
 def _worth_it(log_share: Float[Tensor, "pair"]) -> Int[Tensor, "worthy"]:

@@ -36,10 +36,13 @@ OFFSET_SPREADS_DB = (0.2, 2.0, 5.0, 15.0)
 """Of receivers' offsets: none, and more and more."""
 WRONG_BY_DB = 20.0
 """Of one receiver that is plainly wrong."""
-FIELDS = tuple(itertools.product((3.0, 10.0, 30.0), (2.5, 5.0)))
+FIELDS = ((2.0, 4.0), (2.0, 8.0), (7.0, 3.0), (7.0, 6.0), (25.0, 3.0), (25.0, 6.0))
 """Shadowing as a field over the trackers' places: in metres, over which its correlation falls to 1 / e (Gudmundson
 1991), and its standard deviation in dB. A part that surrounds the target is the same everywhere: it is transmit power.
 """
+FIELD_TRUST = 0.7
+"""Real shadowing is no such field: where there is one, a place's likelihood counts to this power (Miller and Dunson
+2019, Robust Bayesian inference via coarsening). The whole of it is too sure on recordings."""
 
 
 @dataclass(frozen=True)
