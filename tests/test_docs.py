@@ -173,6 +173,46 @@ def test_the_results_were_made_by_the_command_they_name() -> None:
     assert f"version {origin['version']}" in text
 
 
+def learning_cells(point: dict[str, Any]) -> list[str]:
+    """A row of the learning curves as the page shows it."""
+    return [
+        f"{point['spatial_correlation']:g}",
+        f"{point['sampling_hz']:g}",
+        point["variant"] or "-",
+        point["action_choice"],
+        f"{point['update']:,}",
+        f"{point['environment_steps'] / 1000:.0f}",
+        "-" if point["hours"] is None else f"{point['hours']:.2f}",
+        f"{100 * point['reached']:.1f} %",
+        f"{point['movements_mean']:.1f}",
+        f"{point['movements_p90']:.0f}",
+    ]
+
+
+def test_the_learning_curves_of_the_results_are_those_of_their_table() -> None:
+    """Every row of the page is one of the table, and of the table it has all greedy ones and the last of each curve."""
+    points = pq.read_table(DOCS / "results" / "table1-training.parquet").to_pylist()
+    text = (DOCS / "results.md").read_text(encoding="utf-8")
+    text = text.partition("## The paper's own training\n")[2].partition("\n## ")[0]
+    lines = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in text.splitlines() if line[:1] == "|"]
+    found = [cells for cells in lines if cells[3:4] in (["sampled"], ["greedy"], ["training"])]
+    assert [cells for cells in found if cells not in [learning_cells(point) for point in points]] == []
+    sampled = [point for point in points if point["action_choice"] == "sampled"]
+    last = {(point["sampling_hz"], point["spatial_correlation"], point["variant"]): point for point in sampled}
+    greedy = [point for point in points if point["action_choice"] == "greedy"]
+    assert [cells for cells in map(learning_cells, [*last.values(), *greedy]) if cells not in found] == []
+    flat = [
+        point
+        for point in points
+        if (point["sampling_hz"], point["spatial_correlation"], point["variant"]) == (10, 0.9, "")
+        and point["action_choice"] == "training"
+        and point["update"] > 20_000
+    ]
+    p90, mean = ([point[name] for point in flat] for name in ("movements_p90", "movements_mean"))
+    stated = f"is between {min(p90):.0f} and {max(p90):.0f}, the mean between {min(mean):.1f} and {max(mean):.1f}."
+    assert stated in re.sub(r"\s+", " ", text)
+
+
 COMPARISONS = {
     # Table: (episodes, what of it the page shows).
     "comparison": (500, ("90th percentile of movements", "mean movements", "reached")),
