@@ -225,6 +225,17 @@ COMPARISONS = {
             "difference of the mean from recurrent",
         ),
     ),
+    "adaptive": (
+        300,
+        (
+            "mean movements",
+            "90th percentile of movements",
+            "reached",
+            "belief: target in its 95 % region",
+            "belief: radius of the region, median in m",
+            "belief: error, median in m",
+        ),
+    ),
     "robustness": (500, ("mean movements", "reached", "difference of the mean from robust")),
 }
 
