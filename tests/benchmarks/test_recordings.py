@@ -113,7 +113,7 @@ def test_the_command_measures_both(tmp_path: Path, capsys: pytest.CaptureFixture
     assert list(result["paths"]) == ["walk-0"]
     assert 0 <= result["paths"]["walk-0"]["coverage"] <= 1
     main([*words, "--controller", "gradient"])
-    assert "gradient on recordings" in capsys.readouterr().out
+    assert "gradient on recordings" in capsys.readouterr().err
 
 
 def test_nothing_to_measure_is_refused() -> None:

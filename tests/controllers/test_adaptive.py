@@ -231,14 +231,15 @@ def test_the_documents_state_the_constants() -> None:
         " ".join((DOCS / name).read_text(encoding="utf-8").split()) for name in ("method.md", "controllers.md")
     )
     (told_db, power_db), off_db = unknown_channel.POWER_SPREADS_DB, unknown_channel.OFFSET_SPREADS_DB
-    l_m, s_db = (sorted({field[part] for field in unknown_channel.FIELDS}) for part in range(2))
+    *fields, last = (f"{length_m:g} m and {spread_db:g} dB" for length_m, spread_db in unknown_channel.FIELDS)
     share = f"{100 * unknown_channel.TOLD_SHARE:.0f} %"
     for words in (
         f"P is {told_db:g} or {power_db:g} dB (as told with {share})",
         f"O is {off_db[0]:g} ({share}), {off_db[1]:g}, {off_db[2]:g} or {off_db[3]:g} dB for all receivers, "
         f"or {unknown_channel.WRONG_BY_DB:g} dB for one of them beside {off_db[0]:g} or {off_db[1]:g} dB",
         f"shadowing has {100 * math.exp(unknown_channel.LOG_FIELD):.0f} %, "
-        f"with l of {l_m[0]:g}, {l_m[1]:g} or {l_m[2]:g} m and S of {s_db[0]:g} or {s_db[1]:g} dB",
+        f"with l and S of {', '.join(fields)} or {last}",
+        f"counts to the power {unknown_channel.FIELD_TRUST:g}",
         f"Student's t with {unknown_channel.DEGREES_OF_FREEDOM:.0f} degrees of freedom",
         f"{100 * adaptive_module.SHELL_SHARE:.0f} %: at the told distance within {adaptive_module.SHELL_SPREAD_M:g} m",
         f"e^{adaptive_module.LEAST_LOG_SHARE:g} of the best one's evidence",

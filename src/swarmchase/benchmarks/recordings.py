@@ -98,7 +98,7 @@ def measure(
     guessed: bool,
     finished: Callable[[], None],
 ) -> dict[str, Any]:
-    """What is measured of each recording, and of chases over the map.
+    """What is measured of each recording, and of chases over the map; ``finished`` is told of each draw of the map.
 
     Raises:
         InputError: nothing to measure, no such recordings, or no such controller.
@@ -111,12 +111,12 @@ def measure(
         distance_m = np.linalg.norm(place_m[:, None] - emitter_m, axis=2)
         told = replace(fitted_scenario(distance_m, rssi_dbm)[0], sampling_hz=SAMPLING_HZ)
         over = RadioMap(emitter_m, place_m, rssi_dbm)
-        result["chases"] = [_chases(controller, over, told, draw, guessed, finished) for draw in draws]
-        result["surveys"] = [
-            {"draw": draw}
-            | _driven(controller, surveys(over, draw, MOVEMENTS, SAMPLING_HZ, SAMPLES), told, guessed, finished)
-            for draw in draws
-        ]
+        result |= {"chases": [], "surveys": []}
+        for draw in draws:
+            result["chases"].append(_chases(controller, over, told, draw, guessed))
+            survey = surveys(over, draw, MOVEMENTS, SAMPLING_HZ, SAMPLES)
+            result["surveys"].append({"draw": draw} | _driven(controller, survey, told, guessed))
+            finished()
     if paths is not None:
         result["paths"] = {}
         recordings = read_paths(paths)
@@ -129,13 +129,11 @@ def measure(
                 path_loss_exponent=exponent,
                 sampling_hz=recording.sampling_hz,
             )
-            result["paths"][recording.name] = _driven(controller, [recording] * len(draws), told, guessed, finished)
+            result["paths"][recording.name] = _driven(controller, [recording] * len(draws), told, guessed)
     return result
 
 
-def _driven(
-    controller: str, recordings: list[Recording], told: Scenario, guessed: bool, finished: Callable[[], None]
-) -> dict[str, Any]:
+def _driven(controller: str, recordings: list[Recording], told: Scenario, guessed: bool) -> dict[str, Any]:
     """Along paths that do not heed it."""
     seen = _Seen()
     for chase, recording in enumerate(recordings):
@@ -148,13 +146,10 @@ def _driven(
         ):
             driven.displacement_m(rssi_dbm, position_m, target_m)
         driven.ended()
-        finished()
     return _summary(seen)
 
 
-def _chases(
-    controller: str, over: RadioMap, told: Scenario, draw: int, guessed: bool, finished: Callable[[], None]
-) -> dict[str, Any]:
+def _chases(controller: str, over: RadioMap, told: Scenario, draw: int, guessed: bool) -> dict[str, Any]:
     """The closed loop: what it hears depends on where it goes."""
     seen = _Seen()
     nearest_m, final_m = [], []
@@ -175,7 +170,6 @@ def _chases(
         driven.ended()
         nearest_m.append(min(distance_m))
         final_m.append(distance_m[-1])
-        finished()
     return {
         "draw": draw,
         "chases": len(final_m),

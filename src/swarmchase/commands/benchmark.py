@@ -232,7 +232,7 @@ class BenchmarkRecordingsCommand(_BenchmarkCommand):
         if self.draws < 1 or self.first_draw < 0:
             raise InputError("draws must be at least 1, first-draw at least 0")
         finished = itertools.count(1)
-        with progress_bar("recordings", 2 * self.draws, "") as show:
+        with progress_bar("draws of the map", self.draws, "") as show:
             self.report(
                 "recordings",
                 controller=self.controller,
