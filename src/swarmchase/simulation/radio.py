@@ -69,6 +69,11 @@ class Radio:
         x_m, y_m, z_m = self._target_m[0].tolist()
         return x_m, y_m, z_m
 
+    @property
+    def target_mps(self) -> Metres:
+        """It stands still."""
+        return (0.0, 0.0, 0.0)
+
     def announce(self, since_ns: int, center_m: Metres) -> None:
         """The controller's next window is of what is sampled from this moment on, around this centre."""
         center = torch.tensor([center_m], dtype=torch.float64)

@@ -11,6 +11,7 @@ from ..controllers.protocol import Controller
 from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
+from ..live.link.messages import Metres
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
@@ -20,7 +21,7 @@ from ..live.tracker.sources import Rejected, Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
-from .site import Site
+from .site import Site, site_limits
 from .told_controller import told_where
 from .virtual_network import CONTROLLER, VirtualNetwork
 
@@ -29,6 +30,8 @@ TICK_S = 0.025
 START_NS = 2_000_000_000 * 10**9
 """A moment of the year 2033: the link's timestamps count from 2015."""
 LONGEST_CHASE_S = 3600.0
+REPORTS_IN_FLIGHT_HZ = 20.0
+"""RSSI messages and positions of each tracker."""
 SLOW_TICKS = 10
 """A slow tracker steps once in so many ticks."""
 KEYS = {tracker: bytes([tracker]) * KEY_BYTES for tracker in range(NUM_TRACKERS)}
@@ -106,12 +109,12 @@ class VirtualChase:
         """The controller's idea of real time."""
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         self._scenario, self._seed, self._chase = scenario, seed, chase
-        self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
+        self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or site_limits(scenario)
         self._recorder, self._watch, self._starts = recorder, watch, starts
-        self._agent_settings = agent_settings or AgentSettings()
+        self._agent_settings = agent_settings or agent_settings_for(scenario)
         self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
-        self._controller = told_where(controller, self.site.radio.target_m)
+        self._controller = told_where(controller, self._target)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
         self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
         self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
@@ -212,6 +215,11 @@ class VirtualChase:
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
         return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, self._agent_settings)
 
+    def _target(self) -> tuple[Metres, Metres]:
+        """Where it is and how fast."""
+        radio = self.site.radio
+        return radio.target_m, radio.target_mps
+
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
         link = ControllerMavlinkLink(
             *CONTROLLER,
@@ -240,6 +248,13 @@ class VirtualChase:
 
     def _seconds(self) -> float:
         return (self.clock.now_ns() - START_NS) / 1e9
+
+
+def agent_settings_for(scenario: Scenario) -> AgentSettings:
+    """Who flies while it listens reports more often: what is decided is as old as the last report."""
+    if scenario.pace == "stop_and_listen":
+        return AgentSettings()
+    return AgentSettings(window_hz=REPORTS_IN_FLIGHT_HZ, position_hz=REPORTS_IN_FLIGHT_HZ)
 
 
 class _Receiver:
