@@ -20,7 +20,7 @@ from ...observation import mean_power_dbm
 from ...scenario import Scenario
 from .pace import Window
 
-LEAST_SHARE = 0.4
+LEAST_SHARE = 0.45
 """Of the belief within the success radius, on average over the last decisions."""
 
 

@@ -1,6 +1,7 @@
 """The six trackers as the controller knows them and commands them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,7 +40,8 @@ class Swarm:
         self._seen_ns = [0] * NUM_TRACKERS
         """and when that was."""
         self._now_ns = 0
-        self._reliability, self._levels = Reliability(), LevelConsistency(scenario)
+        heard = replace(scenario, window_samples=scenario.samples_a_decision)
+        self._reliability, self._levels = Reliability(), LevelConsistency(heard)
         self._limits = limits
         self.stream = SetPointStream(limits)
         """The set-points."""
