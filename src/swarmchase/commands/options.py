@@ -56,6 +56,18 @@ ListeningControllerName = Annotated[
     str, arg(help=_controller_help([name for name in CONTROLLERS if not name.startswith("oracle")]))
 ]
 """Of a live chase, where nobody can tell the oracle where the target is."""
+ChosenListeningControllerName = Annotated[
+    str | None,
+    arg(
+        help=_controller_help([name for name in CONTROLLERS if not name.startswith("oracle")])
+        + f" Default is {LIVE_CONTROLLER}, and in flight particle."
+    ),
+]
+
+
+def default_live_controller(scenario: Scenario) -> str:
+    """The controller of a live chase in this scenario where none was asked for."""
+    return LIVE_CONTROLLER if scenario.pace == "stop_and_listen" else chosen_controller(None, scenario)
 
 
 def chosen_controller(given: str | None, scenario: Scenario) -> str:

@@ -25,7 +25,7 @@ need to agree better than this."""
 
 
 def require_simulated(scenario: Scenario) -> None:
-    """Refuse a scenario with anything that the paper's world does not have.
+    """Refuse a scenario whose trackers stop to listen with anything that the paper's world does not have.
 
     Raises:
         InputError: it has.

@@ -9,15 +9,40 @@ heard of it differs as the trackers' ways do.
 import torch
 
 from ..batch.array_types import Float, Tensor
+from ..errors import InputError
 from ..flight import FLIGHT_STEP_S, first_within_s, least_m
 from ..live.link.messages import Metres
 from ..scenario import Scenario
 from ..world.behaviours import load_behaviour
 from ..world.behaviours.protocol import Swarm, Target
+from ..world.environment import require_world
 from ..world.radio import Radio, RadioState
 from ..world.target import draw_start_m
 
+JUST_NOW_S = 1.0
+"""Who was within the success radius so long ago has just reached the target, which flies on."""
+SHORTEST_DECISION_S = 0.1
+"""The service steps twice in it."""
 STEP_NS = round(FLIGHT_STEP_S * 1e9)
+
+
+def require_flight(scenario: Scenario) -> None:
+    """Refuse a moving world that the simulated site, or the live service, has not.
+
+    Raises:
+        InputError: it is such a world.
+    """
+    require_world(scenario)
+    if scenario.continuity != "in_flight":
+        raise InputError(
+            f"continuity = {scenario.continuity!r} is refused in flight: what a simulated site plays is 'in_flight'"
+        )
+    if scenario.decision_s < SHORTEST_DECISION_S:
+        raise InputError(
+            f"decision_s = {scenario.decision_s:g} is refused: a live chase needs at least {SHORTEST_DECISION_S:g}"
+        )
+    if scenario.tracker_acceleration_mps2 is None:
+        raise InputError("tracker_acceleration_mps2 = None is refused in flight: no vehicle turns at once")
 
 
 class RadioInFlight:
@@ -68,6 +93,11 @@ class RadioInFlight:
     def now_s(self) -> float:
         """Of the chase's own time, at the last sample."""
         return self._now_s
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the centre has just been within the success radius."""
+        return self._now_s - self.within_s <= JUST_NOW_S
 
     def announce(self, since_ns: int, center_m: Metres) -> None:
         """The controller's first window is of what is sampled from this moment on. What it says later changes nothing:

@@ -10,14 +10,15 @@ import torch
 from ..formation import TRACKER_DIRECTION
 from ..live.link.messages import Metres
 from ..live.service.safety import SafetyLimits
+from ..live.tracker.agent import AgentSettings
 from ..live.tracker.sources import Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..live.tracker.vehicles.simulated import VehicleLimits
 from ..scenario import NUM_TRACKERS, Scenario
 from ..world.behaviours.protocol import Swarm
 from .fault_plan import FaultPlan, VehicleFault
-from .radio import Radio
-from .radio_in_flight import RadioInFlight
+from .radio import Radio, require_simulated
+from .radio_in_flight import RadioInFlight, require_flight
 from .receivers_gone_wrong import FailingReceiver
 from .vehicles_gone_wrong import FailingVehicle
 
@@ -25,6 +26,8 @@ CATCHING_UP = 1.2
 """A vehicle is so many times as fast as a swarm that never stops: else who is behind stays behind."""
 TARGETS_ROAM_M = 1500.0
 """So far from its start a target may get before the time is up."""
+REPORTS_IN_FLIGHT_HZ = 20.0
+"""RSSI messages and positions of each tracker, a second."""
 MOST_SAMPLES_MADE_UP = 100
 """A site that stood still for longer leaves samples out."""
 
@@ -43,6 +46,7 @@ class Site:
         vehicles: list[SimulatedVehicle] | None = None,
     ) -> None:
         flies = scenario.pace == "listen_in_flight"
+        self._success_radius_m = scenario.success_radius_m
         self.radio = RadioInFlight(scenario, seed, chase) if flies else Radio(scenario, seed, chase)
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
         limits = _vehicle_limits(scenario)
@@ -117,6 +121,19 @@ class Site:
         """From the centre of most of the vehicles."""
         return math.dist(self._center_m(), self.radio.target_m)
 
+    def is_reached(self) -> bool:
+        """Whether that is within the success radius, or of a target that flies was so just now."""
+        if isinstance(self.radio, RadioInFlight):
+            return self.radio.is_reached
+        return self.distance_to_target_m() <= self._success_radius_m
+
+    @property
+    def capture_s(self) -> float | None:
+        """When the centre first was that near to a target that flies, since it began to; None where it never was."""
+        if isinstance(self.radio, RadioInFlight) and math.isfinite(self.radio.reached_s):
+            return self.radio.reached_s
+        return None
+
     def _center_m(self) -> list[float]:
         """Where most vehicles' places in the last announced formation say that its centre is: one that has been left
         behind, or two, do not count.
@@ -131,11 +148,30 @@ class Site:
             vehicle.update(until_ns)
 
 
+def reporting_in(scenario: Scenario) -> AgentSettings:
+    """How often agents report: in flight more often, since what is decided is as old as the last report."""
+    if scenario.pace == "stop_and_listen":
+        return AgentSettings()
+    return AgentSettings(window_hz=REPORTS_IN_FLIGHT_HZ, position_hz=REPORTS_IN_FLIGHT_HZ)
+
+
 def _vehicle_limits(scenario: Scenario) -> VehicleLimits:
     """Of vehicles that can fly what the scenario has a swarm fly."""
     if scenario.pace == "stop_and_listen" or scenario.tracker_acceleration_mps2 is None:
         return VehicleLimits()
     return VehicleLimits(CATCHING_UP * scenario.tracker_speed_mps, scenario.tracker_acceleration_mps2)
+
+
+def require_site(scenario: Scenario) -> None:
+    """Refuse a scenario that no site plays.
+
+    Raises:
+        InputError: it is such a one.
+    """
+    if scenario.pace == "stop_and_listen":
+        require_simulated(scenario)
+    else:
+        require_flight(scenario)
 
 
 def site_limits(scenario: Scenario) -> SafetyLimits:

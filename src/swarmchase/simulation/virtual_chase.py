@@ -21,7 +21,7 @@ from ..live.tracker.sources import Rejected, Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
-from .site import Site, site_limits
+from .site import Site, reporting_in, site_limits
 from .told_controller import told_where
 from .virtual_network import CONTROLLER, VirtualNetwork
 
@@ -30,8 +30,6 @@ TICK_S = 0.025
 START_NS = 2_000_000_000 * 10**9
 """A moment of the year 2033: the link's timestamps count from 2015."""
 LONGEST_CHASE_S = 3600.0
-REPORTS_IN_FLIGHT_HZ = 20.0
-"""RSSI messages and positions of each tracker."""
 SLOW_TICKS = 10
 """A slow tracker steps once in so many ticks."""
 KEYS = {tracker: bytes([tracker]) * KEY_BYTES for tracker in range(NUM_TRACKERS)}
@@ -45,10 +43,13 @@ class VirtualResult:
     state: str
     reason: str
     reached: bool
-    """The service says that the target is reached, and the swarm's centre is within the success radius."""
+    """The service says that the target is reached, and the centre is within the success radius, or of a target that flies was so in the last
+    second."""
     movements: int
     movements_to_target: int | None
     """When the centre first was within the success radius; None where it never was."""
+    capture_s: float | None
+    """When the centre first was there, since a target that flies began to; None where it never was, or stands."""
     seconds: float
     """Of the made clock."""
     rejected: dict[str, int]
@@ -111,7 +112,7 @@ class VirtualChase:
         self._scenario, self._seed, self._chase = scenario, seed, chase
         self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or site_limits(scenario)
         self._recorder, self._watch, self._starts = recorder, watch, starts
-        self._agent_settings = agent_settings or agent_settings_for(scenario)
+        self._agent_settings = agent_settings or reporting_in(scenario)
         self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
         self._controller = told_where(controller, self._target)
@@ -136,15 +137,15 @@ class VirtualChase:
             self.tick()
             each_tick()
         snapshot = self.service.snapshot()
-        near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
-        if near and self._movements_to_target is None:
-            self._movements_to_target = snapshot.movements
+        near = self.site.is_reached()
+        self._note_reached(snapshot)
         return VirtualResult(
             state=snapshot.state.value,
             reason=snapshot.reason,
             reached=near and snapshot.state is ChaseState.REACHED,
             movements=snapshot.movements,
             movements_to_target=self._movements_to_target,
+            capture_s=self.site.capture_s,
             seconds=self._seconds(),
             rejected=dict(Counter(self.link.rejected)),
             decision_latency_s=self._latency_s,
@@ -181,10 +182,15 @@ class VirtualChase:
             assert snapshot.spacing_m is not None
             self._announced_ns = snapshot.window_since_ns
             self.site.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
-            near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
-            if near and self._movements_to_target is None:
-                self._movements_to_target = snapshot.movements
+            self._note_reached(snapshot)
+        elif snapshot.state is ChaseState.PURSUING:
+            self._note_reached(snapshot)
         self._watch(snapshot)
+
+    def _note_reached(self, snapshot: Snapshot) -> None:
+        """Whether it is, if it has not been before."""
+        if self._movements_to_target is None and self.site.is_reached():
+            self._movements_to_target = snapshot.movements
 
     def _record(self, entry: Transition | Decision) -> None:
         self._has_decided |= isinstance(entry, Decision)
@@ -248,13 +254,6 @@ class VirtualChase:
 
     def _seconds(self) -> float:
         return (self.clock.now_ns() - START_NS) / 1e9
-
-
-def agent_settings_for(scenario: Scenario) -> AgentSettings:
-    """Who flies while it listens reports more often: what is decided is as old as the last report."""
-    if scenario.pace == "stop_and_listen":
-        return AgentSettings()
-    return AgentSettings(window_hz=REPORTS_IN_FLIGHT_HZ, position_hz=REPORTS_IN_FLIGHT_HZ)
 
 
 class _Receiver:
