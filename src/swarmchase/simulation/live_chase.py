@@ -127,12 +127,18 @@ class _Progress:
     def __init__(self, stage: StageProcess) -> None:
         self._stage = stage
         self.movements_to_target: int | None = None
+        self.is_said_rightly: bool | None = None
+        """Whether it was reached when the service said so; None where it has not. A target that flies soon is not."""
 
     def __call__(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
         truth = self._stage.truth
         listens = snapshot.state in {ChaseState.SAMPLING, ChaseState.PURSUING}
         if self.movements_to_target is None and listens and truth is not None:
             self.movements_to_target = snapshot.movements if truth.is_reached else None
+        if snapshot.state is not ChaseState.REACHED:
+            self.is_said_rightly = None
+        elif self.is_said_rightly is None and truth is not None:
+            self.is_said_rightly = truth.is_reached
 
 
 def run_live_chase(
@@ -177,7 +183,7 @@ def run_live_chase(
                 overrides=plan != FaultPlan(),  # whoever has ordered faults wants to see them
                 watchers=[stage.watch, progress],
             )
-            told = _summary(summary, stage, progress.movements_to_target)
+            told = _summary(summary, stage, progress)
             stage.close()
             stage = None
             if linger and not request.made:
@@ -198,12 +204,12 @@ def _target_m(stage: StageProcess | None) -> Metres | None:
     return None if stage is None or stage.truth is None else stage.truth.target_m
 
 
-def _summary(summary: ServeSummary, stage: StageProcess, movements_to_target: int | None) -> LiveSummary:
+def _summary(summary: ServeSummary, stage: StageProcess, progress: _Progress) -> LiveSummary:
     truth = stage.truth
     return LiveSummary(
         **asdict(summary),
-        reached=truth is not None and truth.is_reached and summary.state == ChaseState.REACHED.value,
+        reached=bool(progress.is_said_rightly),
         distance_m=float("inf") if truth is None else round(truth.distance_m, 3),
-        movements_to_target=movements_to_target,
+        movements_to_target=progress.movements_to_target,
         capture_s=None if truth is None or truth.capture_s is None else round(truth.capture_s, 3),
     )

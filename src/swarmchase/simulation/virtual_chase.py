@@ -43,8 +43,8 @@ class VirtualResult:
     state: str
     reason: str
     reached: bool
-    """The service says that the target is reached, and the centre is within the success radius, or of a target that flies was so in the last
-    second."""
+    """The service says that the target is reached, and the centre is within the success radius, or of a target that
+    flies was so in the last second."""
     movements: int
     movements_to_target: int | None
     """When the centre first was within the success radius; None where it never was."""
