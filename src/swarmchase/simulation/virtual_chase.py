@@ -2,6 +2,8 @@
 that is made and a network that fails. The same seed gives the same chase.
 """
 
+import itertools
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -50,6 +52,8 @@ class VirtualResult:
     """When the centre first was within the success radius; None where it never was."""
     capture_s: float | None
     """When the centre first was there, since a target that flies began to; None where it never was, or stands."""
+    least_separation_m: float
+    """Of any two vehicles, where they truly were."""
     seconds: float
     """Of the made clock."""
     rejected: dict[str, int]
@@ -126,6 +130,7 @@ class VirtualChase:
         self._ticks = 0
         self._latency_s: list[float] = []
         self._movements_to_target: int | None = None
+        self._least_separation_m = math.inf
 
     def restart_service(self, epoch: int) -> None:
         """Its process dies and is there again at once, without its state folder: a new chase begins."""
@@ -146,6 +151,7 @@ class VirtualChase:
             movements=snapshot.movements,
             movements_to_target=self._movements_to_target,
             capture_s=self.site.capture_s,
+            least_separation_m=self._least_separation_m,
             seconds=self._seconds(),
             rejected=dict(Counter(self.link.rejected)),
             decision_latency_s=self._latency_s,
@@ -165,6 +171,8 @@ class VirtualChase:
         self._ticks += 1
         for receiver, samples in zip(self._receivers, self.site.advance(self.clock.now_ns()), strict=True):
             receiver.put(samples)
+        apart_m = itertools.starmap(math.dist, itertools.combinations(self.site.positions_m(), 2))
+        self._least_separation_m = min(self._least_separation_m, *apart_m)
         self.network.pass_on()
         for tracker in range(NUM_TRACKERS):
             self._step_agent(tracker)
