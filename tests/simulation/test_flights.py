@@ -222,7 +222,7 @@ def test_whoever_stops_in_the_midst_of_a_flight_is_not_run_into(fault: str) -> N
 
 
 def test_no_vehicle_leaves_the_fence_and_the_words_say_why() -> None:
-    limits = SafetyLimits(-60, 60, -60, 60, -40, 40, FULL_SPEED_MPS)
+    limits = SafetyLimits(-60.0, 60.0, -60.0, 60.0, -40.0, 40.0, FULL_SPEED_MPS)
     flight = Flight(Flies(1, 0, 0), settings=BY_OPERATOR, limits=limits)
     farthest_m = [0.0]
 

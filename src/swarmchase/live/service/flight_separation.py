@@ -110,7 +110,10 @@ def _places_m(seen: Seen, set_point_m: Points, braking: Braking) -> npt.NDArray[
     way_m, speed_mps = np.stack(flown_m), np.stack(flown_mps)
     moment_s = np.arange(_NUM_MOMENTS)[:, None] * MOMENT_S + age_s
     places = [_braked_m(way_m, speed_mps, np.minimum(after_s, moment_s), moment_s) for after_s in STOPS_AFTER_S]
-    places.append(_at(way_m, moment_s))
+    flies_m = _at(way_m, moment_s)
+    # What it is told is where it gets, if later.
+    flies_m[-1] = goal_m
+    places.append(flies_m)
     places_m = np.stack(places, axis=-2)
     # Who is not commanded may have begun to stop at any moment, and flies no further than it says.
     free: Flags = np.asarray(~np.isfinite(set_point_m).all(axis=2))
@@ -125,7 +128,9 @@ def _flown(position_m: Points, velocity_mps: Points, goal_m: Points, braking: Br
     """After a moment of flying towards a set-point, as fast as it can brake from: v^2 = 2 b d."""
     way_m = goal_m - position_m
     distance_m = np.linalg.norm(way_m, axis=-1, keepdims=True)
-    wanted_mps = np.minimum(np.sqrt(2 * braking.nominal_mps2 * distance_m), GAIN_HZ * distance_m)
+    # In the midst of the moment: at its beginning it would brake too late.
+    left_m = np.maximum(distance_m - np.linalg.norm(velocity_mps, axis=-1, keepdims=True) * MOMENT_S / 2, 0.0)
+    wanted_mps = np.minimum(np.sqrt(2 * braking.nominal_mps2 * left_m), GAIN_HZ * left_m)
     change_mps = way_m / np.maximum(distance_m, 1e-9) * wanted_mps - velocity_mps
     length_mps = np.linalg.norm(change_mps, axis=-1, keepdims=True)
     change_mps = change_mps * np.minimum(1.0, braking.most_mps2 * MOMENT_S / np.maximum(length_mps, 1e-9))

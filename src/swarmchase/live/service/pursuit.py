@@ -38,6 +38,9 @@ CLOSING_MPS = 2.0
 """With which a tracker that is not in its place comes there, beside the formation's own speed."""
 MOST_BEHIND_M = 3.0
 """Where most of its trackers are further behind their places the formation waits."""
+MOST_AHEAD_M = 4.0
+"""No set-point is further from where its tracker comes to rest as it flies now: enough to speed it up, and too little
+for it to be taken for one that is astray."""
 SPREADING_MPS = 2.0
 """No faster does the spacing change."""
 SHORTEST_MPS = 0.1
@@ -65,7 +68,6 @@ class ListenInFlight:
         self._interval_ns = round(1e9 * scenario.decision_s)
         self._braking = Braking(BRAKING_SHARE * self._acceleration_mps2, self._acceleration_mps2)
         self._speed_mps = min(limits.highest_speed_mps, scenario.tracker_speed_mps)
-        self._lead_m = self._speed_mps**2 / (2 * self._braking.nominal_mps2) + MOST_BEHIND_M
         self._center_m, self._velocity_mps = np.zeros(3), np.zeros(3)
         self._wanted_mps, self._spacing_m, self._wanted_spacing_m = np.zeros(3), 0.0, 0.0
         self._chase_ns: int | None = None
@@ -109,7 +111,7 @@ class ListenInFlight:
         # After a pause of the loop what is old is left out.
         self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
         assert self._chase_ns is not None
-        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns)
+        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._rest_m())
         since_s = (self._begins_ns - self._chase_ns) / 1e9
         self._begins_ns += self._interval_ns
         place_m = self._places_m(self._swarm.counted_positions_m(position_m))
@@ -173,12 +175,13 @@ class ListenInFlight:
         if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
             return
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
-        now_m = swarm.places_now_m()
+        now_m, rest_m = swarm.places_now_m(), self._rest_m()
         before_m, goal_before_m = stream.set_point_m, self._goal_m()
         state = self._center_m, self._velocity_mps, self._spacing_m
         self._fly_on(elapsed_s)
         offset_m = _nearer(before_m - goal_before_m, CLOSING_MPS * elapsed_s)
-        following_m = self._led_m(self._fenced_m(self._goal_m() + offset_m, before_m), now_m)
+        led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
+        following_m = self._fenced_m(led_m, before_m)
         least_m = least_apart_m(seen, np.stack([before_m, following_m]), self._braking)
         separation_m = self._limits.minimum_separation_m
         if not self._lags(now_m, before_m, state[1]) and may_become(least_m[0], least_m[1], separation_m):
@@ -219,11 +222,9 @@ class ListenInFlight:
         low_m, high_m = np.minimum(self._limits.low_m, before_m), np.maximum(self._limits.high_m, before_m)
         return np.asarray(np.clip(point_m, low_m, high_m))
 
-    def _led_m(self, point_m: Points, now_m: Points) -> Points:
-        """No further ahead of each tracker than it may be led."""
-        way_m = point_m - now_m
-        length_m = np.linalg.norm(way_m, axis=1, keepdims=True)
-        return np.asarray(now_m + way_m * np.minimum(1.0, self._lead_m / np.maximum(length_m, 1e-9)))
+    def _rest_m(self) -> Points:
+        """Where each tracker comes to rest, as it flies now [tracker, 3]."""
+        return np.asarray(self._swarm.places_now_m() + self._braking.rest_m(self._swarm.traffic().velocity_mps))
 
     def _lags(self, now_m: Points, set_point_m: Points, velocity_mps: Point) -> bool:
         """Whether most are further from where they are told to come to rest than the formation is, and than they should
@@ -270,6 +271,11 @@ def _nearer(offset_m: Points, step_m: float) -> Points:
 
 def _shortened(velocity_mps: Point, most_mps: float) -> Point:
     return velocity_mps * min(1.0, most_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
+
+
+def _shortened_each(way_m: Points, most_m: float) -> Points:
+    length_m = np.linalg.norm(way_m, axis=1, keepdims=True)
+    return np.asarray(way_m * np.minimum(1.0, most_m / np.maximum(length_m, 1e-9)))
 
 
 def _differs(one_mps: Point, other_mps: Point) -> bool:
