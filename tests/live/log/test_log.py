@@ -75,7 +75,7 @@ from swarmchase.live.page.info import page_info
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.observation import Observation
-from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -430,8 +430,8 @@ def changed_head(**changes: Any) -> bytes:
         (HEAD_TOPIC, b"\xff", "a message is no JSON"),
         (HEAD_TOPIC, b"[" * 200_000, "a message is no JSON"),
         (HEAD_TOPIC, b"9" * 5_000, "a message is no JSON"),
-        (HEAD_TOPIC, changed_head(layout=3), "its layout is 3; this version reads 1 to 2"),
-        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 2"),
+        (HEAD_TOPIC, changed_head(layout=4), "its layout is 4; this version reads 1 to 3"),
+        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 3"),
         (HEAD_TOPIC, changed_head(scenario={"window_samples": -1}), "window_samples = -1 is refused"),
         (HEAD_TOPIC, changed_head(scenario={"gravity": 9.81}), "scenario has no field 'gravity'"),
         (HEAD_TOPIC, changed_head(limits={"mood": 1.0}), "there is no limit 'mood'"),
@@ -485,7 +485,28 @@ def test_a_frame_of_another_form_is_refused_when_it_is_read(tmp_path: Path) -> N
         list(read_recording(path).frames())
 
 
-def test_a_log_of_the_layout_before_is_read() -> None:
+def test_a_log_of_the_layout_before_is_read_and_asked_again() -> None:
+    """The first movements of a simulated chase; trackers of that layout all stopped to listen."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-2.mcap")
+    assert (recording.layout, recording.movements) == (2, 2)
+    assert [decision.time_s for decision in recording.decisions] == [None, None]
+    assert verify(recording).is_same
+
+
+def test_a_decision_in_flight_keeps_when_each_sample_was_taken(tmp_path: Path) -> None:
+    scenario = load_scenario("flight")
+    time_s = np.arange(1, 11) / 20 + 1 / 3
+    decision = dataclasses.replace(
+        a_decision(1, dataclasses.replace(scenario, window_samples=scenario.samples_a_decision)), time_s=time_s
+    )
+    head = head_for("particle", scenario)
+    (read,) = read_recording(written(tmp_path / "flight.mcap", head, [decision])).decisions
+    assert read.time_s is not None
+    assert bits(read) == bits(decision)
+    assert read.time_s.tolist() == time_s.tolist()
+
+
+def test_a_log_of_the_first_layout_is_read() -> None:
     """Of version 0.3.0: 8 s of a simulated chase, in which a receiver falls silent."""
     recording = read_recording(Path(__file__).parent / "logs" / "layout-1.mcap")
     assert (recording.layout, recording.state.value, recording.events) == (1, "moving", ())
