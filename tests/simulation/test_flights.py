@@ -215,7 +215,13 @@ def test_whoever_stops_in_the_midst_of_a_flight_is_not_run_into(fault: str) -> N
     flight.fly(8.0)
     assert flight.least_m >= SafetyLimits().minimum_separation_m - STRAYING_M
     assert flight.state is ChaseState.PURSUING
-    if not fault.startswith("restart"):
+    if fault.startswith("restart"):
+        # It is back in its place, 5 m east of the centre, which the others have flown on with.
+        flight.fly(9.0)
+        place_m = np.median(flight.places_m(), axis=0) + np.array([5.0, 0.0, 0.0])
+        assert np.linalg.norm(flight.places_m()[0] - place_m) < 2.0
+        assert flight.least_m >= SafetyLimits().minimum_separation_m - STRAYING_M
+    else:
         # The others have gone on without it.
         left_m, *others_m = flight.places_m()
         assert np.linalg.norm(np.mean(others_m, axis=0) - left_m) > 20.0
