@@ -41,6 +41,8 @@ MOST_BEHIND_M = 3.0
 MOST_AHEAD_M = 4.0
 """No set-point is further from where its tracker comes to rest as it flies now: enough to speed it up, and too little
 for it to be taken for one that is astray."""
+FRESH_S = 0.4
+"""What was seen longer ago tells where a tracker may be, not that it is astray."""
 SPREADING_MPS = 2.0
 """No faster does the spacing change."""
 SHORTEST_MPS = 0.1
@@ -111,7 +113,7 @@ class ListenInFlight:
         # After a pause of the loop what is old is left out.
         self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
         assert self._chase_ns is not None
-        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._rest_m())
+        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._fresh_rest_m())
         since_s = (self._begins_ns - self._chase_ns) / 1e9
         self._begins_ns += self._interval_ns
         place_m = self._places_m(self._swarm.counted_positions_m(position_m))
@@ -221,6 +223,11 @@ class ListenInFlight:
         """Inside the fence, or no further out than before."""
         low_m, high_m = np.minimum(self._limits.low_m, before_m), np.maximum(self._limits.high_m, before_m)
         return np.asarray(np.clip(point_m, low_m, high_m))
+
+    def _fresh_rest_m(self) -> Points:
+        """The same as ``_rest_m``; NaN where it was not seen of late: who says nothing contradicts nobody."""
+        is_fresh = self._swarm.position_ages_s() <= FRESH_S
+        return np.where(is_fresh[:, None], self._rest_m(), np.nan)
 
     def _rest_m(self) -> Points:
         """Where each tracker comes to rest, as it flies now [tracker, 3]."""
