@@ -17,6 +17,7 @@ import pytest
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 pytest.importorskip("mcap", reason="the live system needs: pip install 'swarmchase[live]'")
 
+import swarmchase
 from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.cli import main
@@ -26,6 +27,7 @@ from swarmchase.world.environment import Environment
 
 PATIENCE_S = 240.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
+FLIGHT = (Path(swarmchase.__file__).parent / "scenarios" / "flight.toml").read_text()
 NEAR = "sampling_hz = 100\nspatial_correlation = 0.5\nstart_distance_m = 12\n"
 
 
@@ -155,6 +157,20 @@ def test_without_faults_it_is_the_evaluated_chase(tmp_path: Path, lives: list[Li
     assert targets == {tuple(np.round(state.target_position_m[0].numpy(), 3))}
 
 
+def test_in_flight_it_pursues_a_target_that_flies(tmp_path: Path, lives: list[Live]) -> None:
+    """For 6 s, unless it is reached before. Asked again, the controller says the same, bit for bit."""
+    live = Live(tmp_path, "--behaviour", "waypoints", "--max-movements", "12", scenario=FLIGHT)
+    lives.append(live)
+    summary = live.summary()
+    assert (summary["controller"], summary["state"] in {"reached", "lost"}) == ("particle", True), live.told
+    assert "connecting -> pursuing" in live.told
+    recording = live.recording()
+    assert recording.movements == len(recording.decisions) == summary["movements"] > 0
+    assert verify(recording).is_same
+    # The target flies.
+    assert len({tuple(frame["target_m"] or ()) for frame in recording.frames()}) > 5
+
+
 def test_through_faults_of_every_kind_it_arrives(tmp_path: Path, lives: list[Live]) -> None:
     """Processes are stopped and killed for real, and the link loses, repeats and forges real datagrams."""
     faults = "loss=0.1,delay=0.02,jitter=0.01,duplicate=0.05,replay=0.05,forge=200"
@@ -245,7 +261,10 @@ def test_a_killed_chase_leaves_a_log_and_nothing_else(tmp_path: Path, lives: lis
         ("--faults kill=6@3", "fault 'kill=6@3' is refused"),
         ("--controller oracle", "the oracle knows where a simulated target is"),
         ("--controller nobody", "no controller 'nobody'"),
-        ("--scenario flight", "pace = 'listen_in_flight' is refused: the simulated site has the paper's world alone"),
+        ("--scenario flight", "gradient is refused in flight: it has no belief to judge by"),
+        ("--scenario flight --continuity independent", "continuity = 'independent' is refused in flight"),
+        ("--scenario flight --decision-s 0.06", "decision_s = 0.06 is refused: a live chase needs at least 0.1"),
+        ("--scenario flight --controller robust", "robust needs windows of 50 samples; the scenario has 10"),
         ("--behaviour flee --target-speed-mps 5", "behaviour = 'flee' is refused: the simulated site has the paper's"),
         ("--seed -1", "seed = -1, chase = 0 is refused"),
         ("--minimum-trackers 9", "minimum_trackers = 9 is refused"),

@@ -140,6 +140,20 @@ def _in_every_setting(work: LiveWork) -> dict[str, VirtualResult]:
     return results
 
 
+def _in_flight(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
+    """When targets that fly were first reached, whenever the service said so; what was not counts as the limit."""
+    limit_s = (scenario.max_movements + 1) * scenario.decision_s
+    capture_s = np.array([min(result.capture_s or limit_s, limit_s) for result in results])
+    said_s = np.array([result.movements * scenario.decision_s if result.reached else limit_s for result in results])
+    return {
+        "capture_s_mean": float(capture_s.mean()),
+        "capture_s_mean_ci95": mean_interval(capture_s),
+        "said_s_mean": float(said_s.mean()),
+        "said_s_mean_ci95": mean_interval(said_s),
+        "least_separation_m": min(result.least_separation_m for result in results),
+    }
+
+
 def summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
     """Of the chases of one setting."""
     reached = np.array([result.reached for result in results])
@@ -147,7 +161,7 @@ def summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
     # As in the evaluation: what is not reached counts as more movements than there are, and is never dropped.
     movements = np.array([result.movements if result.reached else lost for result in results])
     latency_s = [latency for result in results for latency in result.decision_latency_s]
-    return {
+    return (_in_flight(scenario, results) if scenario.pace == "listen_in_flight" else {}) | {
         "success_rate": float(reached.mean()),
         "success_rate_ci95": share_interval(int(reached.sum()), len(reached)),
         "movements_mean": float(movements.mean()),

@@ -45,29 +45,31 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
         """Chase, and say how it ended."""
         from ..live.audience import AudienceOptions
         from ..live.service.operator_words import OperatorWords
-        from ..live.service.safety import SafetyLimits
+        from ..live.service.service import require_judged
         from ..live.session import Assignment
         from ..processes.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
         from ..simulation.live_chase import run_live_chase
-        from ..simulation.radio import require_simulated
+        from ..simulation.site import require_site, site_limits
         from .serve import ready_controller
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
         plan, scenario = fault_plan(self.faults), self.scenario()
-        require_simulated(scenario)
-        settings = self.settings()
-        controller = ready_controller(self.controller, scenario, self.seed)
+        require_site(scenario)
+        settings, name = self.settings(), self.controller
+        controller = ready_controller(name, scenario, self.seed)
+        if scenario.pace == "listen_in_flight":
+            require_judged(controller, settings)
         audience = AudienceOptions(None if self.headless else self.page, self._log_path())
-        assignment = Assignment(scenario, self.controller, self.seed, self.chase, SafetyLimits(), settings, audience)
+        assignment = Assignment(scenario, name, self.seed, self.chase, site_limits(scenario), settings, audience)
         words = [OperatorWords(STANDARD_INPUT).read]
         with line_printer() as tell, stop_request() as request:
             summary = run_live_chase(assignment, plan, controller, words, request, tell, linger=not self.headless)
         CONSOLE.print(_table(summary))
         CONSOLE.print(f"See it again: swarmchase replay {audience.log}", markup=False, soft_wrap=True)
         if self.json:
-            origin = {"controller": self.controller, "seed": self.seed, "chase": self.chase, "faults": self.faults}
+            origin = {"controller": name, "seed": self.seed, "chase": self.chase, "faults": self.faults}
             print_json(origin | dataclasses.asdict(summary) | {"log": str(audience.log)})
 
     def _log_path(self) -> Path:

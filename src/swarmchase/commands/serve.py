@@ -63,6 +63,11 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
+        if scenario.pace != "stop_and_listen":
+            raise InputError(
+                f"pace = {scenario.pace!r} is refused: so far only swarmchase live chases in flight, with "
+                "simulated trackers"
+            )
         controller = ready_controller(self.controller, scenario, self.seed)
         audience = AudienceOptions(self.page, self.log)
         assignment = Assignment(scenario, self.controller, self.seed, 0, limits, settings, audience)
@@ -94,7 +99,7 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     """A controller for real trackers, loaded, and asked once: the first time takes longest.
 
     Raises:
-        InputError: there is none of this name, it needs to know the target, or trackers are not to stop to listen.
+        InputError: there is none of this name, or it needs to know the target.
     """
     import torch
 
@@ -103,14 +108,12 @@ def ready_controller(name: str, scenario: "Scenario", seed: int) -> "Controller"
     from ..formation import tracker_position_m
     from ..observation import Observation
 
-    if scenario.pace != "stop_and_listen":
-        raise InputError(f"pace = {scenario.pace!r} is refused: the trackers of a live chase stop to listen")
     if name in ORACLES:
         raise InputError(f"the {name} knows where a simulated target is; real ones do not tell")
     explain_choice(name, scenario)
     controller = load_controller(name, scenario)
     place_m = tracker_position_m(torch.zeros(1, 3, dtype=torch.float64), torch.tensor([3.0], dtype=torch.float64))
-    rssi_dbm = torch.full((1, scenario.window_samples, NUM_TRACKERS), -70.0)
-    observation = Observation(rssi_dbm, place_m[:, None].expand(-1, scenario.window_samples, -1, -1))
+    rssi_dbm = torch.full((1, scenario.samples_a_decision, NUM_TRACKERS), -70.0)
+    observation = Observation(rssi_dbm, place_m[:, None].expand(-1, scenario.samples_a_decision, -1, -1))
     controller.decide(observation, controller.begin(1, seed))
     return controller

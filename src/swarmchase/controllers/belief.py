@@ -5,6 +5,7 @@ inside. Of a Gaussian belief that is the ellipsoid of the chi-squared distributi
 holds 95 % of their weight, so that a belief of any shape is held to what it says itself.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -21,6 +22,8 @@ GAUSSIAN_REACH = 7.814728
 """The quantile of the chi-squared distribution with three degrees of freedom: squared standard deviations."""
 LEAST_VARIANCE_M2 = 1e-6
 """On every axis: what is known better than to a millimetre counts as known to a millimetre."""
+SHARE_POINTS, SHARE_SEED = 2000, 1 << 61
+"""Points of a standard normal by which it is counted how much of a belief lies somewhere; always the same ones."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,13 @@ class Belief:
         """From the mean to these places."""
         error_m: Tensor = torch.linalg.vector_norm(position_m - self.mean_m, dim=1)
         return error_m
+
+    def share_within(self, center_m: Float[Tensor, "chase 3"], radius_m: float) -> Float[Tensor, "chase"]:
+        """How much of the belief is at most so far from these places, as if it were Gaussian."""
+        root_m = torch.linalg.cholesky(self.covariance_m2)
+        apart_m = (self.mean_m - center_m)[:, None] + _normal_points() @ root_m.mT
+        within: Tensor = torch.linalg.vector_norm(apart_m, dim=2) <= radius_m
+        return within.double().mean(dim=1)
 
     @property
     def radius_m(self) -> Float[Tensor, "chase"]:
@@ -76,6 +86,12 @@ def belief_of_particles(
     squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
     reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
     return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2))
+
+
+@functools.cache
+def _normal_points() -> Float[Tensor, "point 3"]:
+    drawn = np.random.default_rng(SHARE_SEED).standard_normal((SHARE_POINTS, 3))
+    return torch.from_numpy(drawn)
 
 
 def _quantile(values: NDArray[np.float32]) -> NDArray[np.float32]:

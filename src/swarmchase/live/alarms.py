@@ -14,7 +14,7 @@ from .link import messages as link_messages
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Notice, TrackerMode
 from .rates import SPAN_S, Rates, in_words
-from .service.chase_state import UNDER_WAY, ChaseState, Snapshot, TrackerSnapshot
+from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerSnapshot
 from .service.preflight import in_words as preflight_in_words
 
 READY_S = 2.0
@@ -71,7 +71,7 @@ _IN_WORDS = {
     TrackerCondition.SILENT: "is silent",
     TrackerCondition.THERE: "is there",
 }
-WITH_SIX = frozenset({ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.HOLDING})
+WITH_SIX = LED | {ChaseState.HOLDING}
 """In these states a tracker that has not come is missed."""
 
 

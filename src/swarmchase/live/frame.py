@@ -122,7 +122,7 @@ class Frame(TypedDict):
     """Since the service was started."""
     epoch: int
     state: str
-    """idle, connecting, sampling, moving, holding, reached, lost, aborted."""
+    """idle, connecting, sampling, moving, pursuing, holding, reached, lost, aborted."""
     reason: str
     """Of the last transition."""
     movements: int

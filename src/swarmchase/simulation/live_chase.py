@@ -25,7 +25,6 @@ from ..live.session import Assignment, Session
 from ..processes.children import start_helper, starting_children
 from ..processes.stop_request import StopRequest
 from ..processes.temporary_folder import temporary_folder
-from ..scenario import Scenario
 from .fault_plan import FaultPlan
 from .stage import READY_S, Announcement, Failure, Play, Ready, ToldToStop, Truth, run_stage
 
@@ -38,11 +37,14 @@ class LiveSummary(ServeSummary):
     """How it ended, as the service tells it, and what only a simulation knows."""
 
     reached: bool
-    """The service says so, and the swarm's centre is within the success radius."""
+    """The service says so, and the centre is within the success radius, or of a target that flies was so in the last
+    second."""
     distance_m: float
     """From the centre to the target at the end."""
     movements_to_target: int | None
     """When the centre first was within the success radius; None where it never was."""
+    capture_s: float | None
+    """The same in seconds since a target that flies began to; None where it never was, or stands."""
 
 
 class StageProcess:
@@ -122,15 +124,21 @@ class StageProcess:
 class _Progress:
     """Notes when the target was reached first, whoever knows of it."""
 
-    def __init__(self, stage: StageProcess, scenario: Scenario) -> None:
-        self._stage, self._radius_m = stage, scenario.success_radius_m
+    def __init__(self, stage: StageProcess) -> None:
+        self._stage = stage
         self.movements_to_target: int | None = None
+        self.is_said_rightly: bool | None = None
+        """Whether it was reached when the service said so; None where it has not. A target that flies soon is not."""
 
     def __call__(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
         truth = self._stage.truth
-        if self.movements_to_target is None and snapshot.state is ChaseState.SAMPLING and truth is not None:
-            near = truth.distance_m <= self._radius_m
-            self.movements_to_target = snapshot.movements if near else None
+        listens = snapshot.state in {ChaseState.SAMPLING, ChaseState.PURSUING}
+        if self.movements_to_target is None and listens and truth is not None:
+            self.movements_to_target = snapshot.movements if truth.is_reached else None
+        if snapshot.state is not ChaseState.REACHED:
+            self.is_said_rightly = None
+        elif self.is_said_rightly is None and truth is not None:
+            self.is_said_rightly = truth.is_reached
 
 
 def run_live_chase(
@@ -167,7 +175,7 @@ def run_live_chase(
             stage = StageProcess(Play(scenario, seed, chase, plan, link.address[1], folder), request)
             tell("Six trackers are starting.")
             stage.wait()
-            progress = _Progress(stage, scenario)
+            progress = _Progress(stage)
             summary = session.run(
                 words,
                 request,
@@ -175,7 +183,7 @@ def run_live_chase(
                 overrides=plan != FaultPlan(),  # whoever has ordered faults wants to see them
                 watchers=[stage.watch, progress],
             )
-            told = _summary(summary, stage, scenario, progress.movements_to_target)
+            told = _summary(summary, stage, progress)
             stage.close()
             stage = None
             if linger and not request.made:
@@ -196,14 +204,12 @@ def _target_m(stage: StageProcess | None) -> Metres | None:
     return None if stage is None or stage.truth is None else stage.truth.target_m
 
 
-def _summary(
-    summary: ServeSummary, stage: StageProcess, scenario: Scenario, movements_to_target: int | None
-) -> LiveSummary:
-    distance_m = float("inf") if stage.truth is None else stage.truth.distance_m
-    near = distance_m <= scenario.success_radius_m
+def _summary(summary: ServeSummary, stage: StageProcess, progress: _Progress) -> LiveSummary:
+    truth = stage.truth
     return LiveSummary(
         **asdict(summary),
-        reached=near and summary.state == ChaseState.REACHED.value,
-        distance_m=round(distance_m, 3),
-        movements_to_target=movements_to_target,
+        reached=bool(progress.is_said_rightly),
+        distance_m=float("inf") if truth is None else round(truth.distance_m, 3),
+        movements_to_target=progress.movements_to_target,
+        capture_s=None if truth is None or truth.capture_s is None else round(truth.capture_s, 3),
     )

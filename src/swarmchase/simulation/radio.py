@@ -25,7 +25,7 @@ need to agree better than this."""
 
 
 def require_simulated(scenario: Scenario) -> None:
-    """Refuse a scenario with anything that the paper's world does not have.
+    """Refuse a scenario whose trackers stop to listen with anything that the paper's world does not have.
 
     Raises:
         InputError: it has.
@@ -68,6 +68,11 @@ class Radio:
         """Where the target is."""
         x_m, y_m, z_m = self._target_m[0].tolist()
         return x_m, y_m, z_m
+
+    @property
+    def target_mps(self) -> Metres:
+        """It stands still."""
+        return (0.0, 0.0, 0.0)
 
     def announce(self, since_ns: int, center_m: Metres) -> None:
         """The controller's next window is of what is sampled from this moment on, around this centre."""

@@ -9,14 +9,25 @@ import torch
 
 from ..formation import TRACKER_DIRECTION
 from ..live.link.messages import Metres
+from ..live.service.safety import SafetyLimits
+from ..live.tracker.agent import AgentSettings
 from ..live.tracker.sources import Sample
 from ..live.tracker.vehicles import SimulatedVehicle
+from ..live.tracker.vehicles.simulated import VehicleLimits
 from ..scenario import NUM_TRACKERS, Scenario
+from ..world.behaviours.protocol import Swarm
 from .fault_plan import FaultPlan, VehicleFault
-from .radio import Radio
+from .radio import Radio, require_simulated
+from .radio_in_flight import RadioInFlight, require_flight
 from .receivers_gone_wrong import FailingReceiver
 from .vehicles_gone_wrong import FailingVehicle
 
+CATCHING_UP = 1.2
+"""A vehicle is so many times as fast as a swarm that never stops: else who is behind stays behind."""
+TARGETS_ROAM_M = 1500.0
+"""So far from its start a target may get before the time is up."""
+REPORTS_IN_FLIGHT_HZ = 20.0
+"""RSSI messages and positions of each tracker, a second."""
 MOST_SAMPLES_MADE_UP = 100
 """A site that stood still for longer leaves samples out."""
 
@@ -34,9 +45,12 @@ class Site:
         plan: FaultPlan | None = None,
         vehicles: list[SimulatedVehicle] | None = None,
     ) -> None:
-        self.radio = Radio(scenario, seed, chase)
+        flies = scenario.pace == "listen_in_flight"
+        self._success_radius_m = scenario.success_radius_m
+        self.radio = RadioInFlight(scenario, seed, chase) if flies else Radio(scenario, seed, chase)
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
-        self.vehicles = vehicles or [SimulatedVehicle((x_m, y_m, z_m)) for x_m, y_m, z_m in places_m]
+        limits = _vehicle_limits(scenario)
+        self.vehicles = vehicles or [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
         """They fly where they are told, through ``advance``."""
         self.flown = [
             FailingVehicle(vehicle, partial(self._vehicle_fault, tracker))
@@ -72,7 +86,11 @@ class Site:
         """So long after the start."""
         time_ns = start_ns + after_ns
         self._fly(time_ns)
-        heard_dbm = self.radio.heard_dbm(time_ns, torch.tensor(self.positions_m(), dtype=torch.float64))
+        position_m = torch.tensor(self.positions_m(), dtype=torch.float64)
+        if isinstance(self.radio, RadioInFlight):
+            heard_dbm = self.radio.heard_dbm(time_ns, position_m, self._swarm())
+        else:
+            heard_dbm = self.radio.heard_dbm(time_ns, position_m)
         for tracker, level_dbm in enumerate(heard_dbm):
             fault = self._plan.of_receiver(tracker, after_ns / 1e9)
             reported[tracker] += self._receivers[tracker].reported((time_ns, level_dbm), fault)
@@ -91,16 +109,76 @@ class Site:
         self._spacing_m = spacing_m
         self.radio.announce(since_ns, center_m)
 
+    def _swarm(self) -> Swarm:
+        """As a target sees it: most of its vehicles."""
+        velocity_mps = [
+            statistics.median(axis) for axis in zip(*(one.velocity_mps for one in self.vehicles), strict=True)
+        ]
+        vectors = (torch.tensor([vector], dtype=torch.float64) for vector in (self._center_m(), velocity_mps))
+        return Swarm(*vectors)
+
     def distance_to_target_m(self) -> float:
-        """From where most vehicles' places in the last announced formation say that its centre is: one that has been
-        left behind, or two, do not count.
+        """From the centre of most of the vehicles."""
+        return math.dist(self._center_m(), self.radio.target_m)
+
+    def is_reached(self) -> bool:
+        """Whether that is within the success radius, or of a target that flies was so just now."""
+        if isinstance(self.radio, RadioInFlight):
+            return self.radio.is_reached
+        return self.distance_to_target_m() <= self._success_radius_m
+
+    @property
+    def capture_s(self) -> float | None:
+        """When the centre first was that near to a target that flies, since it began to; None where it never was."""
+        if isinstance(self.radio, RadioInFlight) and math.isfinite(self.radio.reached_s):
+            return self.radio.reached_s
+        return None
+
+    def _center_m(self) -> list[float]:
+        """Where most vehicles' places in the last announced formation say that its centre is: one that has been left
+        behind, or two, do not count.
         """
-        center_m = [
+        return [
             statistics.median(at_m - self._spacing_m * direction for at_m, direction in zip(*axis, strict=True))
             for axis in zip(zip(*self.positions_m(), strict=True), TRACKER_DIRECTION.T.tolist(), strict=True)
         ]
-        return math.dist(center_m, self.radio.target_m)
 
     def _fly(self, until_ns: int) -> None:
         for vehicle in self.vehicles:
             vehicle.update(until_ns)
+
+
+def reporting_in(scenario: Scenario) -> AgentSettings:
+    """How often agents report: in flight more often, since what is decided is as old as the last report."""
+    if scenario.pace == "stop_and_listen":
+        return AgentSettings()
+    return AgentSettings(window_hz=REPORTS_IN_FLIGHT_HZ, position_hz=REPORTS_IN_FLIGHT_HZ)
+
+
+def _vehicle_limits(scenario: Scenario) -> VehicleLimits:
+    """Of vehicles that can fly what the scenario has a swarm fly."""
+    if scenario.pace == "stop_and_listen" or scenario.tracker_acceleration_mps2 is None:
+        return VehicleLimits()
+    return VehicleLimits(CATCHING_UP * scenario.tracker_speed_mps, scenario.tracker_acceleration_mps2)
+
+
+def require_site(scenario: Scenario) -> None:
+    """Refuse a scenario that no site plays.
+
+    Raises:
+        InputError: it is such a one.
+    """
+    if scenario.pace == "stop_and_listen":
+        require_simulated(scenario)
+    else:
+        require_flight(scenario)
+
+
+def site_limits(scenario: Scenario) -> SafetyLimits:
+    """With which a simulated site is flown: in flight there is room for wherever its targets get."""
+    if scenario.pace == "stop_and_listen":
+        return SafetyLimits()
+    room_m = TARGETS_ROAM_M + (scenario.farthest_start_m or scenario.start_distance_m)
+    return SafetyLimits(
+        -room_m, room_m, -room_m, room_m, -scenario.start_altitude_m, room_m, scenario.tracker_speed_mps
+    )

@@ -50,6 +50,10 @@ class Truth:
     target_m: Metres
     distance_m: float
     """From the swarm's centre to the target."""
+    is_reached: bool
+    """See ``Site.is_reached``,"""
+    capture_s: float | None
+    """and ``Site.capture_s``."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +184,9 @@ class _Stage:
     def _tell_the_truth(self, now_ns: int) -> None:
         if now_ns - self._told_ns >= TRUTH_PERIOD_S * 1e9:
             self._told_ns = now_ns
-            self._connection.send(Truth(self._site.radio.target_m, self._site.distance_to_target_m()))
+            site = self._site
+            truth = Truth(site.radio.target_m, site.distance_to_target_m(), site.is_reached(), site.capture_s)
+            self._connection.send(truth)
 
     def _hears_the_end(self) -> bool:
         try:

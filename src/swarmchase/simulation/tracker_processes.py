@@ -15,6 +15,7 @@ from ..processes.children import child_command
 from ..processes.stop_request import STOPPED_CODES
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
+from .site import reporting_in
 
 SLOW_PERIOD_S, SLOW_SHARE = 0.2, 0.1
 """A slow tracker runs for this share of each period."""
@@ -46,6 +47,7 @@ class TrackerProcesses:
 
     def __init__(self, scenario: Scenario, plan: FaultPlan, ports: list[TrackerPorts], folder: Path) -> None:
         self._scenario, self._plan, self._ports, self._folder = scenario, plan, ports, folder
+        self._reporting = reporting_in(scenario)
         self._running: dict[int, subprocess.Popen[bytes]] = {}
         for tracker in range(NUM_TRACKERS):
             self._start(tracker)
@@ -96,6 +98,7 @@ class TrackerProcesses:
             *("--source", f"udp:{ports.source}", "--same-clock", "--sampling-hz", f"{self._scenario.sampling_hz:g}"),
             *("--vehicle", f"mavlink:{ports.vehicle}", "--autopilot-origin-m", "0", "0", "0"),
             *("--controller", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
+            *("--window-hz", f"{self._reporting.window_hz:g}", "--position-hz", f"{self._reporting.position_hz:g}"),
             *("--state-folder", str(folder / "state")),
         ]
         with open(self._output(tracker), "ab") as output:

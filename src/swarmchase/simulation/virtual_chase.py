@@ -2,6 +2,8 @@
 that is made and a network that fails. The same seed gives the same chase.
 """
 
+import itertools
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -11,6 +13,7 @@ from ..controllers.protocol import Controller
 from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
+from ..live.link.messages import Metres
 from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
@@ -20,7 +23,7 @@ from ..live.tracker.sources import Rejected, Sample
 from ..live.tracker.vehicles import SimulatedVehicle
 from ..scenario import NUM_TRACKERS, Scenario
 from .fault_plan import FaultPlan, ProcessFault
-from .site import Site
+from .site import Site, reporting_in, site_limits
 from .told_controller import told_where
 from .virtual_network import CONTROLLER, VirtualNetwork
 
@@ -42,10 +45,15 @@ class VirtualResult:
     state: str
     reason: str
     reached: bool
-    """The service says that the target is reached, and the swarm's centre is within the success radius."""
+    """The service says that the target is reached, and the centre is within the success radius, or of a target that
+    flies was so in the last second."""
     movements: int
     movements_to_target: int | None
     """When the centre first was within the success radius; None where it never was."""
+    capture_s: float | None
+    """When the centre first was there, since a target that flies began to; None where it never was, or stands."""
+    least_separation_m: float
+    """Of any two vehicles, where they truly were."""
     seconds: float
     """Of the made clock."""
     rejected: dict[str, int]
@@ -106,12 +114,12 @@ class VirtualChase:
         """The controller's idea of real time."""
         self.tracker_wall_clocks = [SkewedClock(self.clock) for _ in range(NUM_TRACKERS)]
         self._scenario, self._seed, self._chase = scenario, seed, chase
-        self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or SafetyLimits()
+        self._plan, self._settings, self._limits = plan or FaultPlan(), settings, limits or site_limits(scenario)
         self._recorder, self._watch, self._starts = recorder, watch, starts
-        self._agent_settings = agent_settings or AgentSettings()
+        self._agent_settings = agent_settings or reporting_in(scenario)
         self.site = Site(scenario, seed, chase, self._plan, vehicles)
         self.site.begin(START_NS)
-        self._controller = told_where(controller, self.site.radio.target_m)
+        self._controller = told_where(controller, self._target)
         self.network = VirtualNetwork(self.clock, self._plan, f"{seed} {chase}")
         self._receivers = [_Receiver(clock) for clock in self.tracker_clocks]
         self.agents: list[TrackerAgent | None] = [self._agent(tracker) for tracker in range(NUM_TRACKERS)]
@@ -122,6 +130,7 @@ class VirtualChase:
         self._ticks = 0
         self._latency_s: list[float] = []
         self._movements_to_target: int | None = None
+        self._least_separation_m = math.inf
 
     def restart_service(self, epoch: int) -> None:
         """Its process dies and is there again at once, without its state folder: a new chase begins."""
@@ -133,15 +142,16 @@ class VirtualChase:
             self.tick()
             each_tick()
         snapshot = self.service.snapshot()
-        near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
-        if near and self._movements_to_target is None:
-            self._movements_to_target = snapshot.movements
+        near = self.site.is_reached()
+        self._note_reached(snapshot)
         return VirtualResult(
             state=snapshot.state.value,
             reason=snapshot.reason,
             reached=near and snapshot.state is ChaseState.REACHED,
             movements=snapshot.movements,
             movements_to_target=self._movements_to_target,
+            capture_s=self.site.capture_s,
+            least_separation_m=self._least_separation_m,
             seconds=self._seconds(),
             rejected=dict(Counter(self.link.rejected)),
             decision_latency_s=self._latency_s,
@@ -161,6 +171,8 @@ class VirtualChase:
         self._ticks += 1
         for receiver, samples in zip(self._receivers, self.site.advance(self.clock.now_ns()), strict=True):
             receiver.put(samples)
+        apart_m = itertools.starmap(math.dist, itertools.combinations(self.site.positions_m(), 2))
+        self._least_separation_m = min(self._least_separation_m, *apart_m)
         self.network.pass_on()
         for tracker in range(NUM_TRACKERS):
             self._step_agent(tracker)
@@ -178,10 +190,15 @@ class VirtualChase:
             assert snapshot.spacing_m is not None
             self._announced_ns = snapshot.window_since_ns
             self.site.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
-            near = self.site.distance_to_target_m() <= self._scenario.success_radius_m
-            if near and self._movements_to_target is None:
-                self._movements_to_target = snapshot.movements
+            self._note_reached(snapshot)
+        elif snapshot.state is ChaseState.PURSUING:
+            self._note_reached(snapshot)
         self._watch(snapshot)
+
+    def _note_reached(self, snapshot: Snapshot) -> None:
+        """Whether it is, if it has not been before."""
+        if self._movements_to_target is None and self.site.is_reached():
+            self._movements_to_target = snapshot.movements
 
     def _record(self, entry: Transition | Decision) -> None:
         self._has_decided |= isinstance(entry, Decision)
@@ -211,6 +228,11 @@ class VirtualChase:
         vehicle, receiver = self.site.flown[tracker], self._receivers[tracker]
         clock, sampling_hz = self.tracker_clocks[tracker], self._scenario.sampling_hz
         return TrackerAgent(tracker, receiver, vehicle, link, clock, sampling_hz, self._agent_settings)
+
+    def _target(self) -> tuple[Metres, Metres]:
+        """Where it is and how fast."""
+        radio = self.site.radio
+        return radio.target_m, radio.target_mps
 
     def _begun_service(self, epoch: int) -> tuple[ControllerMavlinkLink, ControllerService]:
         link = ControllerMavlinkLink(

@@ -75,7 +75,7 @@ from swarmchase.live.page.info import page_info
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.observation import Observation
-from swarmchase.scenario import Scenario, paper_scenario
+from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 
 PATIENCE_S = 120.0
 """Nothing here takes a tenth of it, unless the machine is very busy with something else."""
@@ -485,7 +485,28 @@ def test_a_frame_of_another_form_is_refused_when_it_is_read(tmp_path: Path) -> N
         list(read_recording(path).frames())
 
 
-def test_a_log_of_the_layout_before_is_read() -> None:
+def test_a_log_of_the_layout_before_is_read_and_asked_again() -> None:
+    """The first movements of a simulated chase; trackers of that layout all stopped to listen."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-2.mcap")
+    assert (recording.layout, recording.movements) == (2, 2)
+    assert [decision.time_s for decision in recording.decisions] == [None, None]
+    assert verify(recording).is_same
+
+
+def test_a_decision_in_flight_keeps_when_each_sample_was_taken(tmp_path: Path) -> None:
+    scenario = load_scenario("flight")
+    time_s = np.arange(1, 11) / 20 + 1 / 3
+    decision = dataclasses.replace(
+        a_decision(1, dataclasses.replace(scenario, window_samples=scenario.samples_a_decision)), time_s=time_s
+    )
+    head = head_for("particle", scenario)
+    (read,) = read_recording(written(tmp_path / "flight.mcap", head, [decision])).decisions
+    assert read.time_s is not None
+    assert bits(read) == bits(decision)
+    assert read.time_s.tolist() == time_s.tolist()
+
+
+def test_a_log_of_the_first_layout_is_read() -> None:
     """Of version 0.3.0: 8 s of a simulated chase, in which a receiver falls silent."""
     recording = read_recording(Path(__file__).parent / "logs" / "layout-1.mcap")
     assert (recording.layout, recording.state.value, recording.events) == (1, "moving", ())
@@ -508,7 +529,7 @@ def test_a_log_of_the_layout_before_is_read() -> None:
 
 
 def test_a_log_that_does_not_say_what_the_radio_was_found_to_be_is_read() -> None:
-    """Of version 0.4.0 before ``adaptive``: 7 s of a simulated chase."""
+    """The first movements of a simulated chase, before there was ``adaptive``."""
     recording = read_recording(Path(__file__).parent / "logs" / "layout-2.mcap")
     frames = list(recording.frames())
     assert (recording.layout, len(frames)) == (2, recording.num_frames)

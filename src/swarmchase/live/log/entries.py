@@ -76,6 +76,7 @@ class DecisionForm(TypedDict):
     spacing_m: Number
     displacement_m: list[Number]
     changed: str
+    time_s: list[Number] | None
 
 
 class EventForm(TypedDict):
@@ -200,6 +201,7 @@ def decision_form(decision: Decision) -> DecisionForm:
         spacing_m=_number(decision.spacing_m),
         displacement_m=[_number(coordinate) for coordinate in decision.displacement_m],
         changed=decision.changed,
+        time_s=None if decision.time_s is None else [_number(time_s) for time_s in decision.time_s.tolist()],
     )
 
 
@@ -311,6 +313,7 @@ def decision_of(form: DecisionForm, window_samples: int) -> Decision:
         float(_array(form["spacing_m"], (), "spacing_m")),
         (x_m, y_m, z_m),
         form["changed"],
+        None if form["time_s"] is None else _array(form["time_s"], (window_samples,), "time_s"),
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames of older logs, made into those of this version: what they did not say is not known."""
+"""Messages of older logs, made into those of this version: what they did not say is not known."""
 
 from collections.abc import Callable
 from typing import Any
@@ -41,6 +41,15 @@ def _with_events(frame: Any) -> Any:
         "ended_s": None,
         "preflight": [],
     }
+
+
+def renewed_decision(decision: Any) -> Any:
+    """A decision of layout 1 or 2: all trackers stopped to listen.
+
+    Raises:
+        TypeError: it is no such decision.
+    """
+    return decision | {"time_s": None}
 
 
 def _condition(tracker: Any) -> str:

@@ -27,7 +27,7 @@ from .entries import (
     head_of,
     transition_of,
 )
-from .layouts import renewal
+from .layouts import renewal, renewed_decision
 from .mcap_messages import CutError, LogMessage, messages
 
 MOST_ENTRY_BYTES = 512 * 2**20
@@ -147,8 +147,9 @@ class _Reading:
             elif topic == EVENT_TOPIC:
                 self._events.append(event_of(from_json(data, EventForm)))
             else:
-                window_samples = self._head.scenario.window_samples
-                self._decisions.append(decision_of(from_json(data, DecisionForm), window_samples))
+                renew = renewed_decision if self._layout < 3 else None
+                decision_form = from_json(data, DecisionForm, renew)
+                self._decisions.append(decision_of(decision_form, self._head.scenario.samples_a_decision))
 
     def recording(self, cut: str) -> Recording:
         """All that was read."""

@@ -71,7 +71,8 @@ def _ask(controller: Controller, decision: Decision, memory: Any) -> tuple[Recor
     the memory as it was.
     """
     rssi_dbm = torch.from_numpy(decision.rssi_dbm).float()[None]
-    observation = Observation(rssi_dbm, torch.from_numpy(decision.tracker_position_m)[None])
+    time_s = None if decision.time_s is None else torch.from_numpy(decision.time_s)[None]
+    observation = Observation(rssi_dbm, torch.from_numpy(decision.tracker_position_m)[None], time_s)
     try:
         action, memory_after = controller.decide(observation, memory)
         x_m, y_m, z_m = action.displacement_m[0].tolist()

@@ -21,6 +21,8 @@ class ChaseState(Enum):
     """The trackers stay in their places and fill a window."""
     MOVING = "moving"
     """They are on their way."""
+    PURSUING = "pursuing"
+    """They fly and are listened to at once."""
     HOLDING = "holding"
     """They stay where they are told to be until the cause is gone."""
     REACHED = "reached"
@@ -33,7 +35,9 @@ class ChaseState(Enum):
 
 ENDED = frozenset({ChaseState.REACHED, ChaseState.LOST, ChaseState.ABORTED})
 """In these a chase has a result."""
-UNDER_WAY = frozenset({ChaseState.CONNECTING, ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.HOLDING})
+LED = frozenset({ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.PURSUING})
+"""In these trackers are led towards the target."""
+UNDER_WAY = LED | {ChaseState.CONNECTING, ChaseState.HOLDING}
 """From these a chase can still be held or declared reached."""
 
 
@@ -65,6 +69,8 @@ class Decision:
     displacement_m: Metres
     changed: str
     """Where something else was done than the action says: what and why; else empty."""
+    time_s: Levels | None = None
+    """When each sample was taken [sample], since the chase began; None where trackers stop to listen."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,8 @@ class Snapshot:
     explanation: Explanation | None
     """Of the last movement, where the controller can explain itself."""
     window_since_ns: int | None
-    """In SAMPLING: the window begins with the first valid sample taken then or later."""
+    """In SAMPLING: the window begins with the first valid sample taken then or later. In PURSUING: so does the first of
+    all windows."""
     recorder_failures: int
     """How often the recorder has failed."""
     preflight: tuple[PreflightCheck, ...] = ()

@@ -29,6 +29,8 @@ class Window:
     """[sample, tracker, 3]"""
     center_m: Point
     """Where the controller sees the formation's centre at the end of the window."""
+    time_s: Levels | None = None
+    """When each sample was taken [sample], since the chase began; None where trackers stop to listen."""
 
     @property
     def offset_m(self) -> Points:
@@ -104,6 +106,14 @@ class StopAndListen:
             return self._give_up("another tracker has come into the way", now_ns)
         return None
 
+    def stop(self) -> None:
+        """Stay at the set-points of now."""
+        self._swarm.stream.stop()
+
+    def advance(self, elapsed_s: float) -> None:
+        """Let the set-points go on for this long."""
+        self._swarm.stream.advance(elapsed_s, self._swarm.traffic())
+
     def _give_up(self, why: str, now_ns: int) -> str:
         """End the flight here."""
         self._swarm.stream.stop()
@@ -123,7 +133,7 @@ class StopAndListen:
         assert self.formation is not None
         rssi_dbm, position_m = self._swarm.heard(begins_ns)
         center_m = self._center_m(self.formation, self._swarm.counted_positions_m(position_m[-1]))
-        place_m = formation_m(center_m, self.formation.spacing_m)
+        place_m = np.broadcast_to(formation_m(center_m, self.formation.spacing_m), position_m.shape)
         return Window(*self._swarm.window(rssi_dbm, position_m, place_m), center_m)
 
     def _settle(self, since_ns: int) -> None:

@@ -144,7 +144,7 @@ class SafetyFilter:
         # Squares of what is left are finite.
         wanted_center_m = np.clip(wanted_center_m, -2 * FARTHEST_M, 2 * FARTHEST_M)
         wanted_spacing_m = min(max(wanted_spacing_m, 0.0), FARTHEST_M)
-        least_m, most_m = self._spacing_range_m()
+        least_m, most_m = self.spacing_range_m()
         if least_m > most_m:
             return self._stay(present, "the fence has no room for the formation")
         spacing_m = min(max(wanted_spacing_m, least_m), most_m)
@@ -165,7 +165,7 @@ class SafetyFilter:
     def _stay(self, present: Move, why: str) -> Move:
         return Move(present.center_m, present.spacing_m, (), f"all stay where they are: {why}")
 
-    def _spacing_range_m(self) -> tuple[float, float]:
+    def spacing_range_m(self) -> tuple[float, float]:
         """The narrowest formation that keeps the separation and the widest that has room inside the fence."""
         room_m = float((self.limits.high_m - self.limits.low_m).min())
         return self._separation_m / NEIGHBOUR_DISTANCE + PLANNING_MARGIN_M, room_m / 2 - PLANNING_MARGIN_M

@@ -88,8 +88,8 @@ class SampleWindow:
 
     def __init__(self, scenario: Scenario) -> None:
         self._grid = SampleGrid(scenario.sampling_hz)
-        self._window_samples, self._highest_dbm = scenario.window_samples, highest_dbm(scenario)
-        self._room = 2 * scenario.window_samples + int(np.ceil(KEPT_BEYOND_WINDOW_S * scenario.sampling_hz))
+        self._window_samples, self._highest_dbm = scenario.samples_a_decision, highest_dbm(scenario)
+        self._room = 2 * scenario.samples_a_decision + int(np.ceil(KEPT_BEYOND_WINDOW_S * scenario.sampling_hz))
         self.dropped: Counter[NoLevel] = Counter()
         """Samples that were reported and are no levels, by reason; one reported again and again counts once."""
         self.forget()

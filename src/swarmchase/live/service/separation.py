@@ -71,7 +71,7 @@ class Ways:
 
     def apart_m(self) -> Levels:
         """The least distance of each two [pair]; infinite where one is not known."""
-        found_m = _segments_apart_m(self.start_m[_ONE], self.end_m[_ONE], self.start_m[_OTHER], self.end_m[_OTHER])
+        found_m = segments_apart_m(self.start_m[_ONE], self.end_m[_ONE], self.start_m[_OTHER], self.end_m[_OTHER])
         return np.asarray(np.where(np.isnan(found_m), np.inf, found_m))
 
     def needed_m(self, separation_m: float) -> Levels:
@@ -82,7 +82,7 @@ class Ways:
         """How far each of two ends from the whole other way [2, pair]."""
         return np.stack(
             [
-                _segments_apart_m(self.end_m[one], self.end_m[one], self.start_m[other], self.end_m[other])
+                segments_apart_m(self.end_m[one], self.end_m[one], self.start_m[other], self.end_m[other])
                 for one, other in ((_ONE, _OTHER), (_OTHER, _ONE))
             ]
         )
@@ -124,7 +124,7 @@ def _stray_m(way_m: Points, velocity_mps: Points) -> Levels:
     return np.asarray((beside_mps**2).sum(axis=1) / (2 * BRAKING_MPS2))
 
 
-def _segments_apart_m(one_m: Points, one_end_m: Points, other_m: Points, other_end_m: Points) -> Levels:
+def segments_apart_m(one_m: Points, one_end_m: Points, other_m: Points, other_end_m: Points) -> Levels:
     """The least distance of each two segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
     one_way_m, other_way_m, between_m = one_end_m - one_m, other_end_m - other_m, one_m - other_m
     a, e = (one_way_m**2).sum(axis=1), (other_way_m**2).sum(axis=1)

@@ -2,6 +2,8 @@
 
     IDLE -> CONNECTING -> SAMPLING <-> MOVING -> REACHED, LOST or ABORTED; HOLDING in between while something is wrong
 
+Where the scenario has trackers listen while they fly, PURSUING stands in the place of SAMPLING and MOVING.
+
 ``step`` is called again and again, at 20 Hz say, and never blocks: hear what has come in, find out who can be
 commanded, do what the state asks for, stream the set-points. The set-points are the proof of life: where no step is
 made, trackers hold by themselves. The controller decides inside ``step``, and it is the very one that evaluation runs.
@@ -16,18 +18,22 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
+from ...controllers.belief import Believing
 from ...controllers.condition import Condition
 from ...controllers.explanation import Explaining, Explanation
 from ...controllers.protocol import Controller
+from ...errors import InputError
 from ...observation import Observation
 from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
 from ..link.messages import SetPoint
 from ..link.protocol import ControllerLink
-from .chase_state import UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
+from .capture import CaptureJudge
+from .chase_state import LED, UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
 from .preflight import beyond_the_fence, failing, in_words, preflight
+from .pursuit import ListenInFlight
 from .safety import Move, SafetyFilter, SafetyLimits
 from .sample_window import Point
 from .settings import ServiceSettings
@@ -49,7 +55,7 @@ class ControllerService:
         epoch: Larger than that of any controller that has spoken to these trackers before.
 
     Raises:
-        InputError: an epoch that cannot be.
+        InputError: an epoch that cannot be, or a controller and a scenario that no vehicles can fly together.
     """
 
     def __init__(
@@ -71,8 +77,16 @@ class ControllerService:
         self._settings = settings or ServiceSettings()
         self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
         self._swarm = Swarm(scenario, limits)
-        self._pace = StopAndListen(scenario, self._settings, self._swarm, limits.highest_speed_mps)
-        self._judge = NearnessJudge(scenario, self._settings.reached_windows, self._settings.minimum_trackers)
+        self._pace: StopAndListen | ListenInFlight
+        self._judge: NearnessJudge | CaptureJudge
+        judged_by = scenario, self._settings.reached_windows, self._settings.minimum_trackers
+        if scenario.pace == "stop_and_listen":
+            self._pace = StopAndListen(scenario, self._settings, self._swarm, limits.highest_speed_mps)
+            self._judge, self._listening = NearnessJudge(*judged_by), ChaseState.SAMPLING
+        else:
+            require_judged(controller, self._settings)
+            self._pace = ListenInFlight(scenario, self._swarm, limits)
+            self._judge, self._listening = CaptureJudge(*judged_by), ChaseState.PURSUING
         self.memory = controller.begin(1, seed, chase)
         """The controller's."""
         self.state, self._reason = ChaseState.IDLE, ""
@@ -143,17 +157,17 @@ class ControllerService:
             # While it is not known who contradicts the others nobody is told anything: by another frame it flew off.
             self._swarm.take_stock(may_join=self.state not in {ChaseState.CONNECTING, ChaseState.ABORTED})
         self._act()
-        self._swarm.stream.advance(elapsed_s, self._swarm.traffic())
+        self._pace.advance(elapsed_s)
         self._speak()
 
     def _act(self) -> None:
         """What the state asks for."""
-        if self.state in {ChaseState.SAMPLING, ChaseState.MOVING} and not self._has_enough():
+        if self.state in LED and not self._has_enough():
             self._hold(f"{len(self._swarm.usable())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
-        elif self.state is ChaseState.SAMPLING:
-            self._sample()
+        elif self.state is self._listening:
+            self._listen_on()
         elif self.state is ChaseState.MOVING:
             self._move()
         elif self.state is ChaseState.HOLDING:
@@ -175,7 +189,7 @@ class ControllerService:
             self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
             words = [f"{number} trackers are there", f"overridden: {in_words(failed)}" if failed else ""]
             words.append(beyond_the_fence(self._scenario, self._filter.limits, metres(estimate.center_m)))
-            self._go(ChaseState.SAMPLING, "; ".join(filter(None, words)))
+            self._go(self._listening, "; ".join(filter(None, words)))
 
     def _preflight(self) -> tuple[PreflightCheck, ...]:
         """As it is now; nothing once the trackers are led."""
@@ -184,12 +198,13 @@ class ControllerService:
         clocks_ahead_s = self._link.clocks_ahead_s()
         return preflight(self._scenario, self._filter.limits, self._swarm.snapshots(), clocks_ahead_s)
 
-    def _sample(self) -> None:
+    def _listen_on(self) -> None:
         """Judge by the window and decide, once there is one."""
         window = self._pace.window(self._now_ns)
         if window is None:
             return
-        if self._judge.is_reached(window.rssi_dbm, window.offset_m):
+        judge = self._judge
+        if isinstance(judge, NearnessJudge) and judge.is_reached(window.rssi_dbm, window.offset_m):
             self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
         elif self._movements >= self._scenario.max_movements:
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
@@ -200,7 +215,8 @@ class ControllerService:
         """Ask the controller and set out, or hold where it fails. It sees positions in the chase's own frame."""
         assert self._origin_m is not None
         rssi_dbm, position_m = window.rssi_dbm, window.position_m - self._origin_m
-        observation = Observation(torch.from_numpy(rssi_dbm).float()[None], torch.from_numpy(position_m)[None])
+        time_s = None if window.time_s is None else torch.from_numpy(window.time_s)[None]
+        observation = Observation(torch.from_numpy(rssi_dbm).float()[None], torch.from_numpy(position_m)[None], time_s)
         try:
             action, memory = self._controller.decide(observation, self.memory)
             spacing_m = float(action.spacing_m[0])
@@ -223,31 +239,49 @@ class ControllerService:
             self._hold(changed, self._settings.retry_s)
         else:
             movement = self._movements = self._movements + 1
-            changed = self._fly(window.center_m + np.array([x_m, y_m, z_m]), spacing_m, f"movement {movement}")
-        decision = Decision(self._now_ns, movement, rssi_dbm, position_m, spacing_m, (x_m, y_m, z_m), changed)
+            changed = self._set_out(window, np.array([x_m, y_m, z_m]), spacing_m)
+        told = spacing_m, (x_m, y_m, z_m), changed
+        decision = Decision(self._now_ns, movement, rssi_dbm, position_m, *told, window.time_s)
         self._last_decision = decision
         self._record(decision)
+        if movement and self._has_caught(window):
+            self._stop(ChaseState.REACHED, "most of the belief and the levels are those of a target within the radius")
 
-    def _fly(self, center_m: Point, spacing_m: float, reason: str) -> str:
+    def _has_caught(self, window: Window) -> bool:
+        """Whether a target that flies is reached, by what the controller believes after this window."""
+        if not (isinstance(self._judge, CaptureJudge) and isinstance(self._controller, Believing)):
+            return False
+        assert self._origin_m is not None
+        center_m = torch.from_numpy(window.center_m - self._origin_m)[None]
+        return self._judge.is_reached(window, center_m, self._controller.belief(self.memory))
+
+    def _set_out(self, window: Window, displacement_m: Point, spacing_m: float) -> str:
+        """Carry out an action; returns in which way limits change it, else nothing."""
+        if isinstance(self._pace, ListenInFlight):
+            return self._pace.pursue(displacement_m, spacing_m)
+        return self._fly(self._pace, window.center_m + displacement_m, spacing_m, f"movement {self._movements}")
+
+    def _fly(self, pace: StopAndListen, center_m: Point, spacing_m: float, reason: str) -> str:
         """Set out for this formation, or what the safety filter makes of it; returns what it says."""
-        present, swarm = self._pace.formation, self._swarm
+        present, swarm = pace.formation, self._swarm
         assert present is not None
         move = self._filter.move(
             present, center_m, spacing_m, swarm.stream.set_point_m, swarm.positions_m(), swarm.obstacles_m()
         )
-        self._pace.set_out(move, self._now_ns)
+        pace.set_out(move, self._now_ns)
         self._go(ChaseState.MOVING, f"{reason}; {move.reason}" if move.reason else reason)
         return move.reason
 
     def _move(self) -> None:
         """Sample once they are there."""
+        assert isinstance(self._pace, StopAndListen)
         arrival = self._pace.arrival(self._now_ns, self._seconds_in_state())
         if arrival is not None:
             self._go(ChaseState.SAMPLING, arrival)
 
     def _hold(self, reason: str, for_s: float = 0.0) -> None:
         self._retry_ns = self._now_ns + round(for_s * 1e9)
-        self._swarm.stream.stop()
+        self._pace.stop()
         self._go(ChaseState.HOLDING, reason)
 
     def _try_to_resume(self) -> None:
@@ -256,11 +290,11 @@ class ControllerService:
         reason, formation = "the cause of holding is gone", self._pace.formation
         if formation is None:
             self._go(ChaseState.CONNECTING, reason)
-        elif self._pace.is_in_place:
-            self._pace.stand(formation, self._now_ns)
-            self._go(ChaseState.SAMPLING, reason)
+        elif isinstance(self._pace, StopAndListen) and not self._pace.is_in_place:
+            self._fly(self._pace, formation.center_m, formation.spacing_m, reason)
         else:
-            self._fly(formation.center_m, formation.spacing_m, reason)
+            self._pace.stand(formation, self._now_ns)
+            self._go(self._listening, reason)
 
     def _speak(self) -> None:
         """The set-points, in every state that commands."""
@@ -300,7 +334,7 @@ class ControllerService:
             trackers=self._swarm.snapshots(),
             last_decision=self._last_decision,
             explanation=self._explanation,
-            window_since_ns=self._pace.window_since_ns if self.state is ChaseState.SAMPLING else None,
+            window_since_ns=self._pace.window_since_ns if self.state is self._listening else None,
             recorder_failures=self._recorder_failures,
             preflight=self._preflight(),
             pulled_back=self._swarm.stream.pulled_back,
@@ -308,7 +342,7 @@ class ControllerService:
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
-        self._swarm.stream.stop()
+        self._pace.stop()
         self._go(state, reason)
 
     def _go(self, state: ChaseState, reason: str) -> None:
@@ -322,3 +356,16 @@ class ControllerService:
         except Exception:
             # A full disk must not stop the trackers.
             self._recorder_failures += 1
+
+
+def require_judged(controller: Controller, settings: ServiceSettings) -> None:
+    """Refuse a controller by which nobody could say that a target that flies is reached.
+
+    Raises:
+        InputError: it has no belief, and not only the operator is to say so.
+    """
+    if settings.reached_windows > 0 and not isinstance(controller, Believing):
+        raise InputError(
+            f"{controller.name} is refused in flight: it has no belief to judge by whether the target is reached; with "
+            "--reached-windows 0 only the operator says so"
+        )

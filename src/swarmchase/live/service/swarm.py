@@ -1,6 +1,7 @@
 """The six trackers as the controller knows them and commands them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from .safety import SafetyLimits, formation_m
 from .sample_window import Flags, Levels, Point, Points
 from .separation import Traffic, stopping_m
 from .set_point_stream import SetPointStream
-from .tracker_record import TrackerRecord
+from .tracker_record import LOST_S, TrackerRecord
 
 PLACES_OF_A_RELEASED_TRACKER = 11
 STILL_OBEYS_S = 2.0
@@ -29,7 +30,7 @@ class Swarm:
     """A record and a set-point of each. Metres are of the shared frame, times of the controller's clock."""
 
     def __init__(self, scenario: Scenario, limits: SafetyLimits) -> None:
-        self._window_samples = scenario.window_samples
+        self._window_samples = scenario.samples_a_decision
         self._records = [TrackerRecord(scenario) for _ in range(NUM_TRACKERS)]
         self._left_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
         """The last set-point of each tracker that is commanded no more: there it holds, if it has heard it."""
@@ -39,7 +40,8 @@ class Swarm:
         self._seen_ns = [0] * NUM_TRACKERS
         """and when that was."""
         self._now_ns = 0
-        self._reliability, self._levels = Reliability(), LevelConsistency(scenario)
+        heard = replace(scenario, window_samples=scenario.samples_a_decision)
+        self._reliability, self._levels = Reliability(), LevelConsistency(heard)
         self._limits = limits
         self.stream = SetPointStream(limits)
         """The set-points."""
@@ -210,19 +212,53 @@ class Swarm:
         self._reliability.take_positions(set_point_m, said_m, self._left_m)
         return rssi_dbm, position_m
 
+    def has_flown_window(self, since_ns: int) -> bool:
+        """Whether all trackers that hear have taken the window that begins at this moment, and said where."""
+        return all(self._records[tracker].has_flown_window(since_ns) for tracker in self.usable())
+
+    def flown(self, since_ns: int, rest_m: Points) -> tuple[Levels, Points, Levels]:
+        """The window [sample, tracker] as ``heard`` has it, where each sample was taken, and how many seconds after
+        this moment [sample, tracker]; NaN where a tracker is not commanded. Who does not come to rest where it is told
+        to is left behind.
+
+        Args:
+            rest_m: Where each comes to rest, as it flies now [tracker, 3].
+        """
+        rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
+        after_s, position_m = rssi_dbm.copy(), np.full((*rssi_dbm.shape, 3), np.nan)
+        for tracker in self.commanded():
+            rssi_dbm[:, tracker], position_m[:, tracker], time_ns = self._records[tracker].flown_window(since_ns)
+            after_s[:, tracker] = (time_ns - since_ns) / 1e9
+        self._reliability.take_positions(self.stream.set_point_m, rest_m, self._left_m)
+        return rssi_dbm, position_m, after_s
+
+    def places_now_m(self) -> Points:
+        """Where each tracker is if it flies on as it was last seen [tracker, 3]; NaN where it never was."""
+        velocity_mps = np.stack([record.velocity_mps for record in self._records])
+        return np.asarray(self.positions_m() + np.clip(self.position_ages_s(), 0.0, LOST_S)[:, None] * velocity_mps)
+
+    def position_ages_s(self) -> Levels:
+        """How old the newest position of each is [tracker]; infinite without any."""
+        return np.array([record.position_age_s(self._now_ns) for record in self._records])
+
+    def newest_sample_ns(self) -> int | None:
+        """When the newest valid sample of those that count was taken; None before the first."""
+        found_ns = [self._records[tracker].newest_sample_ns for tracker in self.counted()]
+        return max((one_ns for one_ns in found_ns if one_ns is not None), default=None)
+
     def counted_positions_m(self, position_m: Points) -> Points:
-        """These [tracker, 3], NaN where a tracker is left out."""
+        """These [..., tracker, 3], NaN where a tracker is left out."""
         return np.where(self._reliability.counts[:, None], position_m, np.nan)
 
     def window(self, rssi_dbm: Levels, position_m: Points, place_m: Points) -> tuple[Levels, Points]:
         """What counts of what was ``heard``, in the same arrays' form without NaN in places.
 
-        A tracker that is left out or not in its place [tracker, 3] has heard nothing, there where it should be: the
-        mean of all positions thus is the centre, wherever a single one says that it is.
+        A tracker that is left out or not in its place [sample, tracker, 3] has heard nothing, there where it should be:
+        the mean of all positions thus is the centre, wherever a single one says that it is.
         """
         off_m = np.linalg.norm(position_m - place_m, axis=2).max(axis=0)
         rssi_dbm = np.where(off_m <= ASTRAY_M, rssi_dbm, np.nan)
-        last_m = np.where(np.isfinite(position_m[-1]), position_m[-1], place_m)
+        last_m = np.where(np.isfinite(position_m[-1]), position_m[-1], place_m[-1])
         counts = self._reliability.counts
         contradicts = self._levels.contradicts(rssi_dbm, last_m, counts)
         doubtful = self._levels.contradicts(rssi_dbm, last_m, counts, RETURN_SHARE) | np.isnan(rssi_dbm).all(axis=0)

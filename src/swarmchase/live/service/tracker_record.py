@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scenario import Scenario
 from ..link.messages import Heartbeat, Notice, PositionReport, Report, RssiWindow, TrackerMode, VehicleState
-from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow
+from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow, Times
 
 SILENT_S = 1.0
 """A tracker without a valid sample for so long is silent."""
@@ -152,6 +152,19 @@ class TrackerRecord:
         """Whether all samples of the window that begins at this moment were taken."""
         return self._offset.offset_ns is not None and self._samples.is_complete(since_ns - self._offset.offset_ns)
 
+    def has_flown_window(self, since_ns: int) -> bool:
+        """Whether that is so, and it has said where it was at the last of them."""
+        if not self.has_window(since_ns) or self._offset.offset_ns is None:
+            return False
+        _, time_ns = self._samples.window(since_ns - self._offset.offset_ns)
+        return bool(self._position_ns) and self._position_ns[-1] >= int(time_ns[-1])
+
+    @property
+    def newest_sample_ns(self) -> int | None:
+        """When its newest valid sample was taken; None before the first."""
+        newest_ns, offset_ns = self._samples.newest_valid_ns, self._offset.offset_ns
+        return None if newest_ns is None or offset_ns is None else newest_ns + offset_ns
+
     def window(self, since_ns: int) -> tuple[Levels, Points]:
         """The first samples since this moment: levels in dBm [sample], NaN where none has come, and where each was
         taken [sample, 3] in metres of the shared frame.
@@ -163,10 +176,27 @@ class TrackerRecord:
             raise ValueError("a tracker without a position has no window")
         rssi_dbm, time_ns = self._samples.window(since_ns - self._offset.offset_ns)
         # Relative to the newest: nanoseconds since boot are too many for a float64.
+        return rssi_dbm, self._places_m((time_ns - self._position_ns[-1]) / 1e9)
+
+    def flown_window(self, since_ns: int) -> tuple[Levels, Points, Times]:
+        """The same of a tracker that flies, and when each sample was taken [sample]. After its newest position it has
+        flown on as fast as it was there.
+
+        Raises:
+            ValueError: it has never said where it is.
+        """
+        if not self._position_ns or self._offset.offset_ns is None:
+            raise ValueError("a tracker without a position has no window")
+        rssi_dbm, time_ns = self._samples.window(since_ns - self._offset.offset_ns)
         at_s = (time_ns - self._position_ns[-1]) / 1e9
+        flown_on_m = np.clip(at_s, 0.0, LOST_S)[:, None] * self.velocity_mps
+        return rssi_dbm, self._places_m(at_s) + flown_on_m, time_ns + self._offset.offset_ns
+
+    def _places_m(self, at_s: Levels) -> Points:
+        """Where it was, so long after its newest position [moment, 3]; after that one nowhere else."""
         known_s = (np.array(self._position_ns) - self._position_ns[-1]) / 1e9
         known_m = np.array(self._position_m)
-        return rssi_dbm, np.stack([np.interp(at_s, known_s, known_m[:, axis]) for axis in range(3)], axis=1)
+        return np.stack([np.interp(at_s, known_s, known_m[:, axis]) for axis in range(3)], axis=1)
 
     @property
     def dropped(self) -> dict[str, int]:

@@ -4,7 +4,7 @@ import { NOTHING, age, clock, hasEnded, number, setText } from "./format.js";
 
 const $ = (id) => document.getElementById(id);
 // Spoken once, not at every movement.
-const SPOKEN = { sampling: "under way", moving: "under way" };
+const SPOKEN = { sampling: "under way", moving: "under way", pursuing: "under way" };
 
 export function showInfo(info) {
   const about = [info.controller, info.sampling_hz && `${info.sampling_hz} Hz`, info.version && `v${info.version}`];

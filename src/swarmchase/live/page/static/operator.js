@@ -5,7 +5,7 @@
 
 import { setText } from "./format.js";
 
-const UNDER_WAY = ["connecting", "sampling", "moving", "holding"];
+const UNDER_WAY = ["connecting", "sampling", "moving", "pursuing", "holding"];
 // A button that has just got another meaning, or just been armed, ignores the second half of a double click.
 const TOO_SOON_MS = 400;
 const ARMED_MS = 4000;

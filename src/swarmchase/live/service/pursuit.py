@@ -1,0 +1,289 @@
+"""``ListenInFlight`` in the live service: trackers that never stop to listen, and a decision every ``decision_s``.
+
+The formation is flown as in the environment: its velocity goes to displacement / ``decision_s`` as fast as the
+scenario's acceleration permits. What is sent are positions along the way: each tracker is told the place where it comes
+to rest, braking evenly, if it hears nothing more, that is v^2 / 2 b ahead of where it should be now. A vehicle that
+brakes in time for it is, on the way, as fast as the formation; one that hears nothing more stops by itself.
+
+Set-points go on only if all keep apart, whoever of them stops (``flight_separation``); where they may not, they stay,
+by which all brake. The formation keeps inside the fence, goes round those that are not commanded, and waits where most
+of it lags behind.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+
+from ...errors import InputError
+from ...flight import flown
+from ...scenario import Scenario
+from .flight_separation import Braking, Seen, blocked, least_apart_m, may_become
+from .formation_estimate import claimed_centers_m, median_m
+from .pace import Window
+from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
+from .sample_window import Flags, Levels, Point, Points
+from .separation import Traffic
+from .set_point_stream import INTRUSION_M, LONGEST_STEP_S
+from .swarm import Swarm
+
+BRAKING_SHARE = 0.8
+"""Of the scenario's acceleration, with which set-points count: the rest is for turning and wind."""
+FIRST_WINDOW_S = 0.3
+"""So long before it begins a chase's first window is announced."""
+PATIENCE_S = 0.25
+"""After the end of an interval what trackers heard in it is waited for so long."""
+CLOSING_MPS = 2.0
+"""With which a tracker that is not in its place comes there, beside the formation's own speed."""
+MOST_BEHIND_M = 3.0
+"""Where most of its trackers are further behind their places the formation waits."""
+MOST_AHEAD_M = 4.0
+"""No set-point is further from where its tracker comes to rest as it flies now: enough to speed it up, and too little
+for it to be taken for one that is astray."""
+FRESH_S = 0.4
+"""What was seen longer ago tells where a tracker may be, not that it is astray."""
+SPREADING_MPS = 2.0
+"""No faster does the spacing change."""
+SHORTEST_MPS = 0.1
+"""Differences of speed below this are not worth a word."""
+ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
+SLOWER = (1.0, 0.5, 0.25)
+"""Shares of the speed with which a way round is looked for."""
+
+
+class ListenInFlight:
+    """Asked at every step: ``window`` for what an interval brought, then ``pursue`` for what is decided of it, and
+    ``advance`` for the set-points. All moments are nanoseconds of the controller's clock.
+
+    Raises:
+        InputError: the scenario does not limit the acceleration: no vehicle turns at once.
+    """
+
+    def __init__(self, scenario: Scenario, swarm: Swarm, limits: SafetyLimits) -> None:
+        if scenario.tracker_acceleration_mps2 is None:
+            raise InputError("tracker_acceleration_mps2 = None is refused in flight: no vehicle turns at once")
+        self._swarm, self._limits = swarm, limits
+        self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
+        self._decision_s, self._acceleration_mps2 = scenario.decision_s, scenario.tracker_acceleration_mps2
+        self._period_ns = round(1e9 / scenario.sampling_hz)
+        self._interval_ns = round(1e9 * scenario.decision_s)
+        self._braking = Braking(BRAKING_SHARE * self._acceleration_mps2, self._acceleration_mps2)
+        self._speed_mps = min(limits.highest_speed_mps, scenario.tracker_speed_mps)
+        self._center_m, self._velocity_mps = np.zeros(3), np.zeros(3)
+        self._wanted_mps, self._spacing_m, self._wanted_spacing_m = np.zeros(3), 0.0, 0.0
+        self._chase_ns: int | None = None
+        """When the chase's own time began."""
+        self._begins_ns = 0
+        """The interval that is listened to begins."""
+        self.has_begun = False
+
+    @property
+    def formation(self) -> Move | None:
+        """Where it should be now; None before the first."""
+        return Move(self._center_m, self._spacing_m, (), "") if self.has_begun else None
+
+    @property
+    def window_since_ns(self) -> int:
+        """When the first interval began, of this chase."""
+        return self._chase_ns or 0
+
+    def stand(self, formation: Move, now_ns: int) -> None:
+        """The trackers are around this centre, at rest, and are listened to from soon on. Intervals begin half way
+        between two samples, so that it is plain which belong to one.
+        """
+        self._center_m, self._spacing_m, self.has_begun = formation.center_m, formation.spacing_m, True
+        self.stop()
+        newest_ns = self._swarm.newest_sample_ns() or now_ns
+        periods = math.ceil((now_ns + FIRST_WINDOW_S * 1e9 - newest_ns) / self._period_ns)
+        self._begins_ns = newest_ns + periods * self._period_ns - self._period_ns // 2
+        self._chase_ns = self._begins_ns if self._chase_ns is None else self._chase_ns
+
+    def stop(self) -> None:
+        """Brake, and stay where that ends."""
+        self._center_m = self._center_m + self._braking.rest_m(self._velocity_mps)
+        self._velocity_mps, self._wanted_mps = np.zeros(3), np.zeros(3)
+        self._wanted_spacing_m = self._spacing_m
+
+    def window(self, now_ns: int) -> Window | None:
+        """What was heard in the interval that has ended, once it is there or was waited for; None before that."""
+        late_ns = now_ns - self._begins_ns - self._interval_ns
+        if late_ns < 0 or (late_ns < PATIENCE_S * 1e9 and not self._swarm.has_flown_window(self._begins_ns)):
+            return None
+        # After a pause of the loop what is old is left out.
+        self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
+        assert self._chase_ns is not None
+        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._fresh_rest_m())
+        since_s = (self._begins_ns - self._chase_ns) / 1e9
+        self._begins_ns += self._interval_ns
+        place_m = self._places_m(self._swarm.counted_positions_m(position_m))
+        rssi_dbm, position_m = self._swarm.window(rssi_dbm, position_m, place_m)
+        return Window(rssi_dbm, position_m, position_m[-1].mean(axis=0), since_s + _median(after_s))
+
+    def _places_m(self, position_m: Points) -> Points:
+        """Where each must have been at each sample for the others' sake [sample, tracker, 3]."""
+        centers_m = [
+            median_m(claimed_centers_m(each_m, self._spacing_m)) if np.isfinite(each_m).any() else self._center_m
+            for each_m in position_m
+        ]
+        return np.stack([formation_m(center_m, self._spacing_m) for center_m in centers_m])
+
+    def pursue(self, displacement_m: Point, spacing_m: float) -> str:
+        """From now on fly so that the centre moves so far in an interval, with this spacing at its end; returns in
+        which way limits change that, else nothing.
+        """
+        least_m, most_m = self._filter.spacing_range_m()
+        if least_m > most_m:
+            self._wanted_mps = np.zeros(3)
+            return "all stay where they are: the fence has no room for the formation"
+        self._wanted_spacing_m = min(max(spacing_m, least_m), most_m)
+        told_mps = displacement_m / self._decision_s
+        within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps))
+        self._wanted_mps = self._around_mps(within_mps)
+        changes = [
+            (self._wanted_spacing_m != spacing_m, f"spacing {self._wanted_spacing_m:.3g} m, not {spacing_m:.3g} m"),
+            (np.linalg.norm(told_mps) > self._speed_mps * (1 + 1e-6), f"no faster than {self._speed_mps:g} m/s"),
+            (_differs(within_mps, _shortened(told_mps, self._speed_mps)), "aside or slower to keep the fence"),
+            (_differs(self._wanted_mps, within_mps), "aside or slower to keep the separation"),
+        ]
+        return "; ".join(words for changed, words in changes if changed)
+
+    def _within_fence_mps(self, velocity_mps: Point) -> Point:
+        """This velocity, on each axis no faster than it comes to rest before the fence."""
+        reach_m = self._spacing_m + ROOM_M
+        speed_mps = max(float(np.linalg.norm(velocity_mps)), 1e-9)
+        step_m = np.abs(self._velocity_mps) * self._decision_s / 2
+        up_m = np.maximum(self._limits.high_m - reach_m - self._center_m - step_m, 0.0)
+        down_m = np.maximum(self._center_m - self._limits.low_m - reach_m - step_m, 0.0)
+        most = 2 * self._braking.nominal_mps2 / speed_mps
+        return np.asarray(np.clip(velocity_mps, -most * down_m, most * up_m))
+
+    def _around_mps(self, velocity_mps: Point) -> Point:
+        """This velocity, or one next to it that leads nobody to those that are not commanded; else none."""
+        obstacles_m, places_m = self._swarm.obstacles_m(), self._swarm.places_now_m()
+        places_m = np.where(self._swarm.stream.commanded[:, None], places_m, np.nan)
+        if not len(obstacles_m):
+            return velocity_mps
+        for other_mps in _others_mps(velocity_mps):
+            end_m = places_m + other_mps * self._decision_s + self._braking.rest_m(other_mps)
+            if is_clear(places_m, end_m, obstacles_m, self._limits.minimum_separation_m, ROOM_M):
+                return other_mps
+        return np.zeros(3)
+
+    def advance(self, elapsed_s: float) -> None:
+        """Let the formation fly on for this long, as far as it may, and the set-points with it."""
+        stream, swarm = self._swarm.stream, self._swarm
+        elapsed_s = min(max(elapsed_s, 0.0), LONGEST_STEP_S)
+        if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
+            return
+        seen = Seen(swarm.traffic(), swarm.position_ages_s())
+        now_m, rest_m = swarm.places_now_m(), self._rest_m()
+        before_m, goal_before_m = stream.set_point_m, self._goal_m()
+        state = self._center_m, self._velocity_mps, self._spacing_m
+        self._fly_on(elapsed_s)
+        offset_m = _nearer(before_m - goal_before_m, CLOSING_MPS * elapsed_s)
+        led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
+        following_m = self._fenced_m(led_m, before_m)
+        least_m = least_apart_m(seen, np.stack([before_m, following_m]), self._braking)
+        separation_m = self._limits.minimum_separation_m
+        if not self._lags(now_m, before_m, state[1]) and may_become(least_m[0], least_m[1], separation_m):
+            stream.set_point_m = following_m
+            return
+        # The set-points stay: by that all brake, and the formation with them.
+        self._center_m, self._velocity_mps, self._spacing_m = state
+        self._brake(elapsed_s)
+        too_near = blocked(least_m[0], separation_m - INTRUSION_M) & stream.commanded
+        if too_near.any():
+            stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
+            stream.pulled_back += 1
+
+    def _fly_on(self, elapsed_s: float) -> None:
+        wanted_mps = self._within_fence_mps(self._wanted_mps)
+        self._change(wanted_mps, elapsed_s, self._acceleration_mps2)
+        most_m = SPREADING_MPS * elapsed_s
+        self._spacing_m += min(max(self._wanted_spacing_m - self._spacing_m, -most_m), most_m)
+
+    def _brake(self, elapsed_s: float) -> None:
+        """The goals of all stay where they are."""
+        self._change(np.zeros(3), elapsed_s, self._braking.nominal_mps2)
+
+    def _change(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> None:
+        before_m, before_mps, wanted = (
+            torch.from_numpy(vector)[None] for vector in (self._center_m, self._velocity_mps, wanted_mps)
+        )
+        seconds = torch.tensor([elapsed_s], dtype=torch.float64)
+        center_m, velocity_mps = flown(before_m, before_mps, wanted, seconds, acceleration_mps2)
+        self._center_m, self._velocity_mps = center_m[0].numpy(), velocity_mps[0].numpy()
+
+    def _goal_m(self) -> Points:
+        """Where the trackers of the formation come to rest if they brake now."""
+        return formation_m(self._center_m + self._braking.rest_m(self._velocity_mps), self._spacing_m)
+
+    def _fenced_m(self, point_m: Points, before_m: Points) -> Points:
+        """Inside the fence, or no further out than before."""
+        low_m, high_m = np.minimum(self._limits.low_m, before_m), np.maximum(self._limits.high_m, before_m)
+        return np.asarray(np.clip(point_m, low_m, high_m))
+
+    def _fresh_rest_m(self) -> Points:
+        """The same as ``_rest_m``; NaN where it was not seen of late: who says nothing contradicts nobody."""
+        is_fresh = self._swarm.position_ages_s() <= FRESH_S
+        return np.where(is_fresh[:, None], self._rest_m(), np.nan)
+
+    def _rest_m(self) -> Points:
+        """Where each tracker comes to rest, as it flies now [tracker, 3]."""
+        return np.asarray(self._swarm.places_now_m() + self._braking.rest_m(self._swarm.traffic().velocity_mps))
+
+    def _lags(self, now_m: Points, set_point_m: Points, velocity_mps: Point) -> bool:
+        """Whether most are further from where they are told to come to rest than the formation is, and than they should
+        be.
+        """
+        counted = self._swarm.counted()
+        if not counted:
+            return False
+        left_m = np.linalg.norm(set_point_m[counted] - now_m[counted], axis=1)
+        due_m = float(np.linalg.norm(self._braking.rest_m(velocity_mps)))
+        return bool(np.median(left_m) > due_m + MOST_BEHIND_M)
+
+    def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
+        """Those who come too near to somebody stop as soon as they can."""
+        set_point_m = self._swarm.stream.set_point_m
+        speed_mps = np.linalg.norm(traffic.velocity_mps, axis=1, keepdims=True)
+        stop_m = now_m + traffic.velocity_mps * speed_mps / (2 * self._braking.most_mps2)
+        is_shorter = np.linalg.norm(stop_m - now_m, axis=1) < np.linalg.norm(set_point_m - now_m, axis=1)
+        return np.where((too_near & is_shorter)[:, None], self._fenced_m(stop_m, set_point_m), set_point_m)
+
+
+def _others_mps(velocity_mps: Point) -> Iterator[Point]:
+    """A velocity, then others next to it: aside, slower, aside and slower."""
+    speed_mps = float(np.linalg.norm(velocity_mps))
+    for share in SLOWER:
+        yield share * velocity_mps
+        for aside in ASIDE:
+            turned_mps = velocity_mps + speed_mps * aside
+            length_mps = float(np.linalg.norm(turned_mps))
+            if length_mps > SHORTEST_MPS:
+                yield share * speed_mps / length_mps * turned_mps
+
+
+def _median(after_s: Levels) -> Levels:
+    """Over those that know it [sample]; there is always one."""
+    return np.asarray(np.nanmedian(after_s, axis=1))
+
+
+def _nearer(offset_m: Points, step_m: float) -> Points:
+    """These offsets, each so much shorter."""
+    length_m = np.linalg.norm(offset_m, axis=1, keepdims=True)
+    return np.asarray(offset_m * np.maximum(0.0, 1.0 - step_m / np.maximum(length_m, 1e-12)))
+
+
+def _shortened(velocity_mps: Point, most_mps: float) -> Point:
+    return velocity_mps * min(1.0, most_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
+
+
+def _shortened_each(way_m: Points, most_m: float) -> Points:
+    length_m = np.linalg.norm(way_m, axis=1, keepdims=True)
+    return np.asarray(way_m * np.minimum(1.0, most_m / np.maximum(length_m, 1e-9)))
+
+
+def _differs(one_mps: Point, other_mps: Point) -> bool:
+    return float(np.linalg.norm(one_mps - other_mps)) > SHORTEST_MPS
