@@ -529,8 +529,8 @@ def test_a_log_of_the_first_layout_is_read() -> None:
 
 
 def test_a_log_that_does_not_say_what_the_radio_was_found_to_be_is_read() -> None:
-    """The first movements of a simulated chase, before there was ``adaptive``."""
-    recording = read_recording(Path(__file__).parent / "logs" / "layout-2.mcap")
+    """7 s of a simulated chase, frames alone, before there was ``adaptive``."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-2-frames.mcap")
     frames = list(recording.frames())
     assert (recording.layout, len(frames)) == (2, recording.num_frames)
     assert {frame["channel"] for frame in frames} == {None}
