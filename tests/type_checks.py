@@ -16,7 +16,7 @@ from beartype import beartype
 
 PLAIN = ["live", "simulation"]
 """Rooms without axes."""
-EXCEPTION = "swarmchase.simulation.radio"
+EXCEPTIONS = ("swarmchase.simulation.radio", "swarmchase.simulation.radio_in_flight")
 """It has some."""
 UNCHECKED = {
     f"swarmchase.{name}"
@@ -39,7 +39,7 @@ MOST_PLAIN_CALLS = 100
 spec = find_spec("swarmchase")
 assert spec is not None
 AXES = [
-    EXCEPTION,
+    *EXCEPTIONS,
     *(f"swarmchase.{one.name}" for one in iter_modules(spec.submodule_search_locations) if one.name not in PLAIN),
 ]
 _jaxtyped = jaxtyping.jaxtyped
@@ -75,7 +75,7 @@ def _at_first(thing: Any = None, **options: Any) -> Any:
         return functools.partial(_at_first, **options)
     if thing.__module__ in UNCHECKED:
         return thing
-    plain = thing.__module__.split(".")[1] in PLAIN and thing.__module__ != EXCEPTION
+    plain = thing.__module__.split(".")[1] in PLAIN and thing.__module__ not in EXCEPTIONS
     checks, most = (beartype, MOST_PLAIN_CALLS) if plain else (functools.partial(_jaxtyped, **options), MOST_CALLS)
     if not isinstance(thing, type):
         return _checked_at_first(thing, checks, most)

@@ -162,7 +162,7 @@ def test_in_flight_it_pursues_a_target_that_flies(tmp_path: Path, lives: list[Li
     live = Live(tmp_path, "--behaviour", "waypoints", "--max-movements", "12", scenario=FLIGHT)
     lives.append(live)
     summary = live.summary()
-    assert (summary["controller"], summary["state"] in {"reached", "lost"}) == ("particle", True), live.told
+    assert (summary["controller"], summary["state"] in {"reached", "lost"}) == ("adaptive", True), live.told
     assert "connecting -> pursuing" in live.told
     recording = live.recording()
     assert recording.movements == len(recording.decisions) == summary["movements"] > 0
@@ -175,7 +175,8 @@ def test_through_faults_of_every_kind_it_arrives(tmp_path: Path, lives: list[Liv
     """Processes are stopped and killed for real, and the link loses, repeats and forges real datagrams."""
     faults = "loss=0.1,delay=0.02,jitter=0.01,duplicate=0.05,replay=0.05,forge=200"
     faults += ",silent=0@2-8,garbage=1@2,restart=3@4,frozen=4@6-8,slow=2@0-10,kill=5@9"
-    live = Live(tmp_path, "--seed", "1", "--faults", faults, scenario=NEAR.replace("12", "30"))
+    words = ("--seed", "1", "--faults", faults, "--controller", "robust")
+    live = Live(tmp_path, *words, scenario=NEAR.replace("12", "30"))
     lives.append(live)
     live.wait_for("tracker 3 is lost")
     summary = live.summary()
