@@ -17,7 +17,7 @@ from beartype import beartype
 PLAIN = ["live", "simulation"]
 """Rooms without axes."""
 EXCEPTIONS = ("swarmchase.simulation.radio", "swarmchase.simulation.radio_in_flight")
-"""It has some."""
+"""These have some."""
 UNCHECKED = {
     f"swarmchase.{name}"
     for name in (
