@@ -106,7 +106,7 @@ def _rows(file: Path) -> list[tuple[float, ...]]:
         return []
     records: dict[str, dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
     return [
-        (float(time_s), *record["position"], *reversed(record["drone_position"]), record["rssi"])
+        tuple(map(float, (time_s, *record["position"], *reversed(record["drone_position"]), record["rssi"])))
         for time_s, record in sorted(records.items(), key=lambda item: float(item[0]))
     ]
 
