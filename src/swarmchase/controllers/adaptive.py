@@ -35,6 +35,7 @@ from .condition import Condition
 from .explanation import MOST_POINTS, Explanation, FoundChannel, reasons_left_out, share_of_savings
 from .exploration import Exploration, explored, no_exploration
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
+from .target_motion import TargetBand, length
 from .unknown_channel import (
     FIELD_TRUST,
     FIELDS,
@@ -146,25 +147,19 @@ class AdaptiveController:
         self._network = network.eval()
         self._displacement_choices_m = torch.tensor(scenario.displacement_choices_m, dtype=torch.float64)
         self._has_offsets = has_offsets().double()
-        self._height_m = tuple(
-            default if altitude_m is None else altitude_m - scenario.start_altitude_m
-            for altitude_m, default in (
-                (scenario.lowest_altitude_m, -math.inf),
-                (scenario.highest_altitude_m, math.inf),
-            )
-        )
+        self._band = TargetBand(scenario)
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> AdaptiveMemory:
         """Particles all around the start."""
         streams = ChaseStreams.of(chase_keys(seed, num_chases, first_chase), "policy")
         towards = streams.standard_normal(3, NUM_PARTICLES)
-        towards = towards / _length_m(towards).clamp(min=1e-9)
+        towards = towards / length(towards).clamp(min=1e-9)
         normal = streams.standard_normal(1, NUM_PARTICLES)
         start_m = self._scenario.start_distance_m
         is_as_told = torch.arange(NUM_PARTICLES) < SHELL_SHARE * NUM_PARTICLES
         distance_m = torch.where(is_as_told, start_m + SHELL_SPREAD_M * normal, start_m * (FREE_SPREAD * normal).exp())
         position_m = towards * distance_m.abs()
-        position_m[:, 2] = position_m[:, 2].clamp(*self._height_m)
+        position_m = self._band.inside_m(position_m)
         return AdaptiveMemory(
             position_m=position_m,
             log_weight=torch.full((num_chases, NUM_PARTICLES), -math.log(NUM_PARTICLES), dtype=torch.float64),
@@ -293,12 +288,12 @@ class AdaptiveController:
 
     def _log_prior(self, position_m: Float[Tensor, "3 particle"]) -> Float[Tensor, "particle"]:
         """Of places before anything was heard, from the distance to the start alone."""
-        distance_m = _length_m(position_m[None].double())[0, 0].clamp(min=NEAREST_M)
+        distance_m = length(position_m[None].double())[0, 0].clamp(min=NEAREST_M)
         start_m = self._scenario.start_distance_m
         as_told = ((distance_m - start_m) / SHELL_SPREAD_M).square() / -2 - math.log(SHELL_SPREAD_M)
         free = ((distance_m / start_m).log() / FREE_SPREAD).square() / -2 - (FREE_SPREAD * distance_m).log()
         both = torch.logaddexp(as_told + math.log(SHELL_SHARE), free + math.log(1 - SHELL_SHARE))
-        is_too_high = (position_m[2] < self._height_m[0]) | (position_m[2] > self._height_m[1])
+        is_too_high = (position_m[2] < self._band.lowest_m) | (position_m[2] > self._band.highest_m)
         return torch.where(is_too_high, OUTSIDE, both - 2 * distance_m.log())
 
     def _action(self, memory: AdaptiveMemory, center: Float[Tensor, "chase 3"]) -> Action:
@@ -317,7 +312,7 @@ class AdaptiveController:
         displacement_m = torch.where(
             holds, nearest_choice(self._scenario.displacement_choices_m, torch.zeros(1)), displacement_m
         )
-        spacing_m = nearest_choice(self._scenario.spacing_choices_m, (_length_m(left_m)[:, 0] * weight).sum(dim=1))
+        spacing_m = nearest_choice(self._scenario.spacing_choices_m, (length(left_m)[:, 0] * weight).sum(dim=1))
         number = memory.windows.heard
         calibrates = (number < CALIBRATION_WINDOWS) & (number % 2 == 1)
         calibrates &= memory.pair_share @ self._has_offsets > CALIBRATION_SHARE
@@ -408,7 +403,3 @@ def _proposed(
 
 def _worth_it(log_share: Float[Tensor, "pair"]) -> Int[Tensor, "worthy"]:
     return (log_share > log_share.max() + LEAST_LOG_SHARE).nonzero()[:, 0]
-
-
-def _length_m(vector_m: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 1 particle"]:
-    return vector_m.square().sum(dim=1, keepdim=True).sqrt()

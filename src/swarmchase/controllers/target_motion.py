@@ -35,7 +35,7 @@ class TargetBand:
     """The places at which the scenario lets targets start and fly."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._lowest_m, self._highest_m = (
+        self.lowest_m, self.highest_m = (
             default if altitude_m is None else altitude_m - scenario.start_altitude_m
             for altitude_m, default in (
                 (scenario.lowest_altitude_m, -math.inf),
@@ -52,7 +52,7 @@ class TargetBand:
         towards = towards / length(towards).clamp(min=1e-9)
         # The height of a place that is uniform on a sphere is uniform (Archimedes), and so it is on any belt of it.
         highest_m = distance_m * self._highest_sine
-        lowest_m, highest_m = (-highest_m).clamp(min=self._lowest_m), highest_m.clamp(max=self._highest_m)
+        lowest_m, highest_m = (-highest_m).clamp(min=self.lowest_m), highest_m.clamp(max=self.highest_m)
         z_m = torch.lerp(lowest_m, highest_m, (towards[:, 2:] + 1) / 2)
         level = towards[:, :2] / towards[:, :2].square().sum(dim=1, keepdim=True).sqrt().clamp(min=1e-9)
         level_m = level * (distance_m.square() - z_m.square()).clamp(min=0.0).sqrt()
@@ -60,7 +60,7 @@ class TargetBand:
 
     def inside_m(self, position_m: Float[Tensor, "chase 3 particle"]) -> Float[Tensor, "chase 3 particle"]:
         """At the altitudes at which targets fly; changes what it is given."""
-        position_m[:, 2].clamp_(self._lowest_m, self._highest_m)
+        position_m[:, 2].clamp_(self.lowest_m, self.highest_m)
         return position_m
 
 
