@@ -6,69 +6,27 @@ input ends in one line on standard error and exit code 2.
 """
 
 import contextlib
-import importlib
+import importlib.metadata
 import io
 import re
 import select
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from typing import Protocol, TextIO, runtime_checkable
+from collections.abc import Sequence
+from typing import NoReturn, TextIO
 
 import tyro
 
+from .commands.catalogue import COMMANDS, Command, kind, members
+from .commands.configuration import configuration_path, meant, print_configuration, with_configuration
+from .commands.overview import print_group, print_overview
 from .commands.terminal import CONSOLE, discard
 from .errors import InputError, WorkerDiedError
 from .processes.stop_request import Interrupted, stopped_at_once
 
-DESCRIPTION = """Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength.
-
-Begin with: swarmchase chase"""
-
-
-@runtime_checkable
-class Command(Protocol):
-    """One parsed command."""
-
-    def run(self) -> None:
-        """Do the work."""
-
-
-COMMANDS = {
-    "chase": "chase.ChaseCommand",
-    "evaluate": "evaluate.EvaluateCommand",
-    "compare": "compare.CompareCommand",
-    "reproduce": "reproduce.ReproduceCommand",
-    "train a3c": "train.TrainA3CCommand",
-    "train batched": "train.TrainBatchedCommand",
-    "train windows": "train.TrainWindowsCommand",
-    "benchmark channel": "benchmark.BenchmarkChannelCommand",
-    "benchmark environment": "benchmark.BenchmarkEnvironmentCommand",
-    "benchmark flight": "benchmark.BenchmarkFlightCommand",
-    "benchmark training": "benchmark.BenchmarkTrainingCommand",
-    "benchmark batched": "benchmark.BenchmarkBatchedCommand",
-    "benchmark cluster": "benchmark.BenchmarkClusterCommand",
-    "benchmark live": "benchmark.BenchmarkLiveCommand",
-    "benchmark liars": "benchmark.BenchmarkLiarsCommand",
-    "benchmark separation": "benchmark.BenchmarkSeparationCommand",
-    "benchmark nearness": "benchmark.BenchmarkNearnessCommand",
-    "benchmark recordings": "benchmark.BenchmarkRecordingsCommand",
-    "benchmark soak": "benchmark.BenchmarkSoakCommand",
-    "benchmark kills": "benchmark.BenchmarkKillsCommand",
-    "keys": "keys.KeysCommand",
-    "keys make": "keys.KeysCommand",
-    "keys renew": "keys.KeysRenewCommand",
-    "keys revoke": "keys.KeysRevokeCommand",
-    "keys reset": "keys.KeysResetCommand",
-    "live": "live.LiveCommand",
-    "serve": "serve.ServeCommand",
-    "replay": "replay.ReplayCommand",
-    "tracker": "tracker.TrackerCommand",
-}
-"""What answers to a name: a module of ``commands``, and the class in it."""
-
-WITHOUT_TORCH = {"keys", "keys make", "keys renew", "keys revoke", "keys reset", "tracker"}
-"""A tracker's computer is small."""
+HELP = ("--help", "-h")
+WITHOUT_TORCH = {"keys", "tracker", "completion"}
+"""First words of commands: a tracker's computer is small."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -80,9 +38,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         name, command = _parsed(list(sys.argv[1:] if arguments is None else arguments))
         with stopped_at_once():
-            if name not in WITHOUT_TORCH:
+            if name.split()[0] not in WITHOUT_TORCH:
                 _use_one_thread()
-            command.run()
+            if getattr(command, "print_config", False):
+                print_configuration(command)
+            else:
+                command.run()
     except BrokenPipeError:
         if not _has_lost_its_reader(sys.stdout):
             raise
@@ -111,37 +72,64 @@ def _parsed(words: list[str]) -> tuple[str, Command]:
     # ``train a3c`` and its like are two words to a person and one command to the parser.
     pair = " ".join(words[:2])
     name, *options = [pair, *words[2:]] if pair in COMMANDS else words or [""]
-    if name not in COMMANDS and not name.startswith("-") and words:
-        raise InputError(f"no command {name!r}; there are {', '.join(COMMANDS)}; see: swarmchase --help")
-    refusal = io.StringIO()
+    if name not in COMMANDS:
+        _answer_or_refuse(name, options)
+    command, refusal = kind(name), io.StringIO()
     try:
         with contextlib.redirect_stderr(refusal):
-            if name in COMMANDS:
-                return name, tyro.cli(_kind(name), prog=f"swarmchase {name}", args=options)
-            tyro.extras.subcommand_cli_from_dict(
-                {one: _kind(one) for one in COMMANDS}, prog="swarmchase", description=DESCRIPTION, args=words
-            )
+            return name, tyro.cli(command, prog=f"swarmchase {name}", args=with_configuration(command, options))
     except SystemExit as error:
         if not error.code:
             print(end="", flush=True)  # now, since nobody catches what fails at the very end
             raise
-        command = f"{name} " if name in COMMANDS else ""
-        raise InputError(f"{_one_line(refusal.getvalue())}; see: swarmchase {command}--help") from None
-    raise AssertionError("without a command there is nothing to parse")
+        path = configuration_path(command, options)
+        where = "" if path is None else f"; the configuration is {path}"
+        raise InputError(f"{_one_line(refusal.getvalue())}{where}; see: swarmchase {name} --help") from None
 
 
-def _kind(name: str) -> Callable[..., Command]:
-    module, kind = COMMANDS[name].split(".")
-    found: Callable[..., Command] = getattr(importlib.import_module(f".commands.{module}", __package__), kind)
-    return found
+def _answer_or_refuse(word: str, others: list[str]) -> NoReturn:
+    """What is no command by itself: an overview, the version, or nothing that is known.
+
+    Raises:
+        InputError: it is nothing that is known.
+        SystemExit: it was answered on standard output.
+    """
+    asks = not others or others[0] in HELP
+    if word == "--version":
+        print(f"swarmchase {importlib.metadata.version('swarmchase')}", flush=True)
+    elif word in HELP:
+        print_overview()
+    elif members(word) and asks:
+        print_group(word)
+    elif members(word):
+        known = [name.split()[1] for name in members(word)]
+        raise InputError(
+            f"no command {f'{word} {others[0]}'!r}{meant(others[0], known)}; see: swarmchase {word} --help"
+        )
+    elif not word:
+        raise InputError("give a command; see: swarmchase --help")
+    elif word.startswith("-"):
+        raise InputError(f"no option {word!r} before a command; see: swarmchase --help")
+    else:
+        raise InputError(f"no command {word!r}{meant(word, {name.split()[0]: None for name in COMMANDS})}; see: swarmchase --help")
+    sys.exit(0)
 
 
 def _one_line(refusal: str) -> str:
-    """What tyro refuses and why: it prints a title, this, and where to find help, in a box and between ruled lines."""
+    """What tyro refuses and why: it prints a title, this, what may have been meant, and where to find help, in a box
+    and between ruled lines.
+    """
     plain = re.sub(r"\x1b\[[0-9;]*m", "", refusal)
     sections = re.split(r"^[│ ]*(?:[╭╰].*|[-─]{3,})[│ ]*$", plain, flags=re.MULTILINE)
     statement = sections[1 if len(sections) > 1 else 0].replace("│", " ").split("Got errors:")[0]
-    return " ".join(statement.split()).rstrip(".:;")
+    meant = dict.fromkeys(
+        option
+        for section in sections
+        if "Perhaps you meant:" in section
+        for option in re.findall(r"^[│ ]*(--[\w-]+)", section, flags=re.MULTILINE)
+    )
+    line = " ".join(statement.split()).rstrip(".:;")
+    return f"{line} (did you mean {' or '.join(meant)}?)" if meant else line
 
 
 def _has_lost_its_reader(stream: TextIO) -> bool:

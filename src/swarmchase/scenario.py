@@ -5,6 +5,7 @@ value is refused with the field's name, the value and the allowed range.
 """
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -265,7 +266,7 @@ class Scenario:
 
     def save_toml(self, path: Path) -> None:
         """Write every field to a TOML file, whole or not at all."""
-        lines = [f"{name} = {_toml_value(value)}" for name, value in self.to_dict().items()]
+        lines = [f"{name} = {toml_value(value)}" for name, value in self.to_dict().items()]
         write_text_atomically(path, "\n".join(lines) + "\n")
 
     @classmethod
@@ -321,7 +322,9 @@ def _checked(constant: "dataclasses.Field[Any]", value: Any) -> Any:
     return value
 
 
-def _toml_value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(_toml_value(entry) for entry in value)}]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+def toml_value(value: Any) -> str:
+    """A text, number, truth value or sequence of them as TOML writes it."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(toml_value(entry) for entry in value)}]"
+    # In these two TOML is like JSON.
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -375,7 +375,7 @@ def test_settings_that_cannot_be_meant_are_refused(changes: dict[str, Any]) -> N
 def test_the_command_trains_every_pair_of_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     world = tmp_path / "world.toml"
     WORLD.save_toml(world)
-    assert TrainBatchedCommand(folder=tmp_path, scenario_name=str(world)).scenarios() == [WORLD]
+    assert TrainBatchedCommand(folder=tmp_path, scenario=str(world)).scenarios() == [WORLD]
     words = "train batched --sampling-hz 10 100 --spatial-correlation 0.9 0.1 --preset counterfactual --updates 4"
     small = "--chases-per-agent 3 --evaluation-interval 4 --evaluation-chases 2 --threads 1 --json"
     main([*words.split(), *small.split(), "--scenario", str(world), "--folder", str(tmp_path / "run")])

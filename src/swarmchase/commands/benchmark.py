@@ -103,9 +103,7 @@ class _LiveChasesCommand(ScenarioOptions):
                 show(chases, f"{chases / (time.monotonic() - began_s):.2f}", "")
 
             benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
-            result = benchmark.measure(
-                self.scenario(), self.controller, self.chases, self.seed, self.processes, finished
-            )
+            result = benchmark.measure(self.world(), self.controller, self.chases, self.seed, self.processes, finished)
         if self.json:
             print_json(result)
         else:
@@ -183,7 +181,7 @@ class BenchmarkSoakCommand(ScenarioOptions):
         """Measure and report."""
         from ..benchmarks import soak
 
-        scenario = dataclasses.replace(self.scenario(), max_movements=1_000_000)
+        scenario = dataclasses.replace(self.world(), max_movements=1_000_000)
         with progress_bar("soak", int(self.seconds), "") as show:
             result = soak.measure(
                 scenario, self.controller, self.seconds, self.faults, lambda passed_s: show(passed_s, "", "")

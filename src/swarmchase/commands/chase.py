@@ -51,7 +51,7 @@ class ChaseCommand(ScenarioOptions):
         if self.animation is not None:
             require_animation_format(self.animation)
             require_writable_file(self.animation)
-        scenario = self.scenario()
+        scenario = self.world()
         controller = load_controller(self.controller, scenario, self.action_choice)
         require_world(scenario)
         explain_choice(self.controller, scenario)

@@ -45,7 +45,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
 
     def run(self) -> None:
         """Evaluate, report and write."""
-        scenario = self.scenario()
+        scenario = self.world()
         explain_choice(self.controller, scenario)
         if self.table is not None:
             require_writable_file(self.table)

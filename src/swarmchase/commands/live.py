@@ -55,7 +55,7 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
-        plan, scenario = fault_plan(self.faults), self.scenario()
+        plan, scenario = fault_plan(self.faults), self.world()
         require_site(scenario)
         settings, name = self.settings(), self.controller
         controller = ready_controller(name, scenario, self.seed)

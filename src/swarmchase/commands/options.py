@@ -78,10 +78,9 @@ else:
 class _WorldOptions(_ScenarioFields):
     """The world of the chase: Table I of the paper, or another scenario, with these changes."""
 
-    scenario_name: Annotated[
+    scenario: Annotated[
         str,
         arg(
-            name="scenario",
             aliases=["--scenario-file"],
             help=f"{', '.join(SHIPPED_SCENARIOS)}, or a TOML file; what the file does not name is as in the paper.",
         ),
@@ -95,14 +94,14 @@ class _WorldOptions(_ScenarioFields):
         """
         given = {constant.name: getattr(self, constant.name) for constant in dataclasses.fields(Scenario)} | changes
         known = {name: value for name, value in given.items() if value is not None}
-        return Scenario.from_dict(load_scenario(self.scenario_name).to_dict() | known)
+        return Scenario.from_dict(load_scenario(self.scenario).to_dict() | known)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioOptions(_WorldOptions):
     """One world."""
 
-    def scenario(self) -> Scenario:
+    def world(self) -> Scenario:
         """The scenario these options describe.
 
         Raises:

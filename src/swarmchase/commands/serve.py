@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
+from .configuration import ConfigurationOptions
 from .options import (
     DEFAULT_CONTROLLER,
     LinkOptions,
@@ -28,7 +29,7 @@ STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
+class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, ConfigurationOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, override
     (begin although the preflight has not passed), hold, resume, reached (you see the target), abort, quit. Ctrl-C
     aborts: trackers are told to hold."""
@@ -62,7 +63,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions):
         from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
-        scenario, limits, settings, keys = self.scenario(), self.limits(), self.settings(), self.read_keys()
+        scenario, limits, settings, keys = self.world(), self.limits(), self.settings(), self.read_keys()
         if scenario.pace != "stop_and_listen":
             raise InputError(
                 f"pace = {scenario.pace!r} is refused: so far only swarmchase live chases in flight, with "

@@ -16,6 +16,7 @@ from ..live.tracker.sources.kind import SourceDetails
 from ..live.tracker.vehicles.address import KINDS as VEHICLES
 from ..live.tracker.vehicles.address import open_vehicle
 from ..live.tracker.vehicles.kind import VehicleDetails
+from .configuration import ConfigurationOptions
 from .options import LinkOptions, fields_from
 from .terminal import line_printer, print_json
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackerCommand(LinkOptions):
+class TrackerCommand(LinkOptions, ConfigurationOptions):
     """Report what one tracker's receiver hears and where its vehicle is, and fly where the controller says, until
     Ctrl-C or SIGTERM: then the vehicle is told to hold."""
 

@@ -124,7 +124,7 @@ class TrainA3CCommand(ScenarioOptions, _TrainOptions):
         if self.cluster is not None and self.schedule != "processes":
             raise InputError(f"schedule = {self.schedule!r} is refused: agents on a cluster are asynchronous")
         settings = dataclasses.replace(preset(self.preset), **self.changes())
-        scenario = self.scenario()
+        scenario = self.world()
         with _progress(settings.max_updates) as progress:
             if self.cluster is None:
                 result = train_a3c(scenario, settings, self.folder, self.schedule, self.resume, progress)

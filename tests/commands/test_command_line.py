@@ -1,0 +1,170 @@
+"""The command line before a command runs: what there is, what was meant, options from a file, and completion."""
+
+import shutil
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from swarmchase.cli import main
+from swarmchase.commands.catalogue import COMMANDS, SECTIONS
+from swarmchase.commands.completion import completion_script
+
+TRACKER = 'number = 2\nsource = "udp:5000"\nvehicle = "simulated"\n'
+
+
+def answered(words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    output = capsys.readouterr()
+    assert (end.value.code, output.err) == (0, "")
+    return output.out
+
+
+def refused(words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    output = capsys.readouterr()
+    assert (end.value.code, output.out, output.err.count("\n")) == (2, "", 1)
+    return output.err.removeprefix("swarmchase: ").rstrip("\n")
+
+
+# --- what there is ---------------------------------------------------------------------------------------------------
+
+
+def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
+    assert answered("--version", capsys) == f"swarmchase {version('swarmchase')}\n"
+
+
+def test_help_groups_the_commands_by_what_they_are_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    lines = answered("--help", capsys).splitlines()
+    titles = [lines.index(title) for title in SECTIONS]
+    assert titles == sorted(titles)
+    assert max(map(len, lines[: lines.index("Begin with")])) <= 60
+    assert answered("-h", capsys).splitlines() == lines
+
+
+@pytest.mark.parametrize("words", ["train", "train --help", "train -h"])
+def test_the_first_of_two_words_says_which_commands_there_are(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = answered(words, capsys)
+    assert told.startswith("usage: swarmchase train COMMAND [OPTIONS]\n")
+    assert all(f"  {name}  " in told for name in COMMANDS if name.startswith("train "))
+    assert "evaluate" not in told
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("", "give a command; see: swarmchase --help"),
+        ("evalute", "no command 'evalute' (did you mean evaluate?); see: swarmchase --help"),
+        ("benchmrk live", "no command 'benchmrk' (did you mean benchmark?); see: swarmchase --help"),
+        ("fly", "no command 'fly'; see: swarmchase --help"),
+        ("train a3 --folder x", "no command 'train a3' (did you mean a3c?); see: swarmchase train --help"),
+        ("train --folder x", "no command 'train --folder'; see: swarmchase train --help"),
+        ("--json", "no option '--json' before a command; see: swarmchase --help"),
+        (
+            "evaluate --episods 3",
+            "Unrecognized options: --episods, 3 (did you mean --episodes?); see: swarmchase evaluate --help",
+        ),
+    ],
+)
+def test_who_mistypes_is_told_what_was_meant(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(words, capsys) == line
+
+
+# --- completion ------------------------------------------------------------------------------------------------------
+
+ASK_BASH = """
+source /dev/stdin
+COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+"$(complete -p swarmchase | sed 's/.*-F //; s/ .*//')"
+echo "${COMPREPLY[@]}"
+"""
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+@pytest.mark.parametrize(
+    ("words", "completions"),
+    [
+        (["swarmchase", "re"], "replay reproduce"),
+        (["swarmchase", "train", "b"], "batched"),
+        (["swarmchase", "train", "a3c", "--chases"], "--chases-per-agent"),
+        (["swarmchase", "evaluate", "--epi"], "--episodes"),
+    ],
+)
+def test_bash_completes_commands_of_one_and_of_two_words(words: list[str], completions: str) -> None:
+    asked = subprocess.run(
+        ["bash", "-c", ASK_BASH, "bash", *words],
+        input=completion_script("bash"),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert asked.stdout.split() == completions.split()
+
+
+# --- options from a file ---------------------------------------------------------------------------------------------
+
+
+def test_a_configuration_gives_options_and_the_command_line_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "tracker.toml"
+    path.write_text(TRACKER + "position_m = [1, 2.5, 3]\nsame_clock = true\nsampling_hz = 20\n")
+    main(["tracker", "--config", str(path), "--number", "4", "--no-same-clock", "--print-config"])
+    told = capsys.readouterr().out.splitlines()
+    expected = [
+        "number = 4",
+        'source = "udp:5000"',
+        "position_m = [1.0, 2.5, 3.0]",
+        "same_clock = false",
+        "sampling_hz = 20.0",
+        "# keys =",
+    ]
+    assert set(expected) < set(told)
+
+
+@pytest.mark.parametrize("words", ["serve", "tracker --number 1 --source udp:7 --vehicle mavlink:8"])
+def test_what_is_printed_is_a_configuration_that_says_the_same(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main([*words.split(), "--print-config"])
+    printed = capsys.readouterr().out
+    path = tmp_path / "all.toml"
+    path.write_text(printed)
+    main([words.split(maxsplit=1)[0], f"--config={path}", "--print-config"])
+    assert capsys.readouterr().out == printed
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("numbr = 2", "cannot use configuration FILE: no option 'numbr' (did you mean number?)"),
+        ("config = 'other.toml'", "cannot use configuration FILE: no option 'config'"),
+        ("number = {x = 1}", "cannot use configuration FILE: number = {'x': 1} is no text, number or list of them"),
+        ("number = ", "cannot read configuration FILE: it is no TOML: "),
+        (
+            TRACKER.replace("2", "'two'"),
+            "Error parsing --number: invalid literal for int() with base 10: 'two'; the configuration is FILE; "
+            "see: swarmchase tracker --help",
+        ),
+        ("number = 2", "Missing from swarmchase tracker: --source"),
+    ],
+)
+def test_a_configuration_is_checked_whole_before_anything_starts(
+    text: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "tracker.toml"
+    path.write_text(text)
+    assert refused(f"tracker --config {path}", capsys).startswith(line.replace("FILE", str(path)))
+
+
+def test_a_file_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    missing = tmp_path / "serve.toml"
+    assert refused(f"serve --config {missing}", capsys) == (
+        f"cannot read configuration {missing}: No such file or directory"
+    )
