@@ -6,13 +6,18 @@ import sys
 import warnings
 
 import gymnasium
+import matplotlib.pyplot
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_env_for_stable_baselines3
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
+import window_backend
 from swarmchase.channel.fading import DEEPEST_FADE_DB
 from swarmchase.errors import InputError
 from swarmchase.formation import action_from_choice
@@ -55,7 +60,8 @@ def test_registration_imports_nothing_heavy_until_make():
 def test_passes_gymnasium_checker_without_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gymnasium.make(ENVIRONMENT_ID, **near(max_movements=500)).unwrapped)
+        # Without the check of rendering, which opens a window: below it is looked at.
+        check_env(gymnasium.make(ENVIRONMENT_ID, **near(max_movements=500)).unwrapped, skip_render_check=True)
 
 
 def test_a_chase_in_flight_passes_gymnasiums_checker():
@@ -63,7 +69,7 @@ def test_a_chase_in_flight_passes_gymnasiums_checker():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         changes = {"scenario": load_scenario("flight"), "behaviour": "flee", **near(farthest_start_m=9.0)}
-        check_env(gymnasium.make(ENVIRONMENT_ID, **changes).unwrapped)
+        check_env(gymnasium.make(ENVIRONMENT_ID, **changes).unwrapped, skip_render_check=True)
         envs = ChaseVectorEnv(3, **changes)
     windows_dbm, _ = envs.reset(seed=2)
     assert windows_dbm.shape == (3, 10, 6)
@@ -163,7 +169,15 @@ def test_refuses_bad_arguments():
     with pytest.raises(InputError, match="seed = -1"):
         lanes.reset(seed=[-1, 2])
     with pytest.raises(InputError, match="reset_mask"):
-        lanes.reset(options={"reset_mask": np.array([True, False])})
+        lanes.reset(options={"reset_mask": [True, False]})
+    with pytest.raises(InputError, match="resets no lane"):
+        lanes.reset(options={"reset_mask": np.array([False, False])})
+    with pytest.raises(InputError, match="'chas'"):
+        ChaseEnv().reset(seed=1, options={"chas": 3})
+    with pytest.raises(InputError, match="'chase'"):
+        ChaseEnv().reset(seed=1, options={"chase": -3})
+    with pytest.raises(InputError, match="'ansi' is refused: allowed is None or rgb_array or human"):
+        ChaseEnv(render_mode="ansi")
 
 
 def test_keywords_change_the_given_scenario_and_keep_the_rest():
@@ -209,11 +223,14 @@ def test_what_exceeds_the_bounds_is_clipped(monkeypatch):
 
 
 def walk(env, num_steps, seed):
-    """Everything a walk through random actions returns."""
+    """Everything a walk through random actions returns; lanes that wait for it are reset."""
     generator = np.random.default_rng(3)
     trace = [env.reset(seed=seed)]
     for _ in range(num_steps):
         trace.append(env.step(generator.integers(0, 5, size=(env.num_envs, 4))))
+        ended = trace[-1][2] | trace[-1][3]
+        if env.metadata["autoreset_mode"] == AutoresetMode.DISABLED and ended.any():
+            trace.append((*env.reset(options={"reset_mask": ended}), ended, ended))
     return trace
 
 
@@ -221,12 +238,15 @@ def walk(env, num_steps, seed):
     "changes", [{}, {"continuity": "continuous", "los_phase": "independent"}], ids=["paper", "running"]
 )
 @pytest.mark.parametrize("seed", [21, [4, 9, 2, 2]], ids=["one seed", "list of seeds"])
-def test_vector_environment_equals_gymnasium_vectorising_single_ones(changes, seed):
-    worlds = near(**changes)
-    batched = gymnasium.make_vec(ENVIRONMENT_ID, num_envs=4, vectorization_mode="vector_entry_point", **worlds)
-    looped = gymnasium.make_vec(ENVIRONMENT_ID, num_envs=4, vectorization_mode="sync", **worlds)
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_vector_environment_equals_gymnasium_vectorising_single_ones(changes, seed, mode):
+    worlds = {"num_envs": 4, **near(**changes)}
+    batched = gymnasium.make_vec(ENVIRONMENT_ID, vectorization_mode="vector_entry_point", autoreset_mode=mode, **worlds)
+    looped = gymnasium.make_vec(
+        ENVIRONMENT_ID, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **worlds
+    )
     assert isinstance(batched.unwrapped, ChaseVectorEnv)
-    assert batched.metadata["autoreset_mode"] == looped.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    assert batched.metadata["autoreset_mode"] == looped.metadata["autoreset_mode"] == mode
     assert (batched.action_space, batched.observation_space) == (looped.action_space, looped.observation_space)
     batched_trace, looped_trace = walk(batched, 40, seed), walk(looped, 40, seed)
     for one, other in zip(batched_trace, looped_trace, strict=True):
@@ -264,3 +284,111 @@ def test_returned_arrays_are_the_callers_own():
     other.reset(seed=0)
     other.step(actions)
     assert data_equivalence(lanes.step(actions), other.step(actions), exact=True)
+
+
+def test_numpy_s_whole_numbers_are_seeds():
+    for seed in (np.int64(5), np.uint8(5)):
+        assert data_equivalence(ChaseEnv().reset(seed=seed), ChaseEnv().reset(seed=5), exact=True)
+        many = ChaseVectorEnv(2).reset(seed=5)
+        assert data_equivalence(ChaseVectorEnv(2).reset(seed=seed), many, exact=True)
+        assert data_equivalence(ChaseVectorEnv(2).reset(seed=np.array([5, 6])), many, exact=True)
+
+
+def test_options_ask_for_a_chase_of_the_run():
+    env, asked = ChaseEnv(), ChaseEnv()
+    env.reset(seed=3)
+    second = env.reset()
+    assert data_equivalence(asked.reset(seed=3, options={"chase": 1}), second, exact=True)
+    assert data_equivalence(asked.reset(), env.reset(), exact=True)  # and the run goes on behind it
+
+
+def test_a_missing_sample_has_the_lowest_level_of_the_space():
+    env = ChaseEnv(missing_sample_share=0.5, silent_trackers=1)
+    window_dbm, _ = env.reset(seed=1)
+    assert window_dbm in env.observation_space
+    is_missing = window_dbm == env.observation_space.low
+    assert is_missing.all(axis=0).sum() == 1
+    assert 0.4 < is_missing.mean() < 0.8
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+
+def test_a_picture_shows_the_way_so_far_and_each_lane_its_own():
+    lanes = ChaseVectorEnv(2, render_mode="rgb_array", **near(start_distance_m=60.0, max_movements=50))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        lanes.render()
+    lanes.reset(seed=1)
+    before = lanes.render()
+    lanes.step(np.array([[4, 4, 4, 4], STAY]))
+    after = lanes.render()
+    assert [picture.shape for picture in after] == [(600, 480, 3)] * 2
+    assert all(picture.dtype == np.uint8 for picture in after)
+    assert (after[0] != before[0]).any()
+    assert (after[0] != after[1]).any()
+    lanes.reset(seed=1)
+    assert np.array_equal(lanes.render()[0], before[0])  # another chase begins on an empty page
+    assert ChaseVectorEnv(1).render() is None
+    assert ChaseEnv().render() is None
+
+
+def test_without_a_screen_a_window_is_refused():
+    env = gymnasium.make(ENVIRONMENT_ID, render_mode="human", **near())
+    with pytest.raises(InputError, match="there is no screen; rgb_array needs none"):
+        env.reset(seed=1)
+
+
+def test_a_window_follows_the_chase_by_itself(monkeypatch):
+    matplotlib.pyplot.switch_backend("module://window_backend")
+    try:
+        env = gymnasium.make(ENVIRONMENT_ID, render_mode="human", **near())
+        env.reset(seed=1)
+        env.step(STAY)
+        assert window_backend.SHOWN == ["shown", "drawn", "drawn"]
+        env.close()
+        assert not matplotlib.pyplot.get_fignums()
+    finally:
+        matplotlib.pyplot.switch_backend("agg")
+
+
+# --- by its name, as others use it -----------------------------------------------------------------------------------
+
+NAME = "swarmchase.gym:swarmchase/Chase-v0"
+
+
+def test_gymnasium_s_wrappers_take_it_by_its_name():
+    env = gymnasium.make(NAME, max_episode_steps=3, **near(start_distance_m=60.0, max_movements=50))
+    env = gymnasium.wrappers.RecordEpisodeStatistics(env)
+    env.reset(seed=1)
+    *_, info = [env.step(STAY) for _ in range(3)][-1]
+    assert info["episode"]["l"] == 3
+    assert env.spec.max_episode_steps == 3
+
+
+def test_a_film_is_recorded(tmp_path):
+    pytest.importorskip("moviepy", reason="moviepy is not installed: pip install moviepy")
+    env = gymnasium.wrappers.RecordVideo(gymnasium.make(NAME, render_mode="rgb_array", **near()), str(tmp_path))
+    env.reset(seed=1)
+    while not any(env.step(STAY)[2:4]):
+        pass
+    env.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
+
+
+@pytest.mark.parametrize("vec_env_cls", [DummyVecEnv, SubprocVecEnv])
+def test_stable_baselines3_makes_many_by_its_name(vec_env_cls):
+    envs = make_vec_env(NAME, n_envs=2, seed=1, env_kwargs=near(), vec_env_cls=vec_env_cls)
+    try:
+        assert envs.reset().shape == (2, 50, 6)
+        for _ in range(6):
+            windows_dbm, _, _, _ = envs.step(np.array([STAY, STAY]))
+        assert windows_dbm.shape == (2, 50, 6)
+    finally:
+        envs.close()
+
+
+def test_stable_baselines3_learns_from_it_by_its_name():
+    model = PPO("MlpPolicy", NAME, n_steps=8, batch_size=8, n_epochs=1, seed=1, device="cpu")
+    model.learn(8)
+    action, _ = model.predict(ChaseEnv().reset(seed=1)[0])
+    assert action in ChaseEnv().action_space

@@ -111,7 +111,9 @@ def _answer_or_refuse(word: str, others: list[str]) -> NoReturn:
     elif word.startswith("-"):
         raise InputError(f"no option {word!r} before a command; see: swarmchase --help")
     else:
-        raise InputError(f"no command {word!r}{meant(word, {name.split()[0]: None for name in COMMANDS})}; see: swarmchase --help")
+        raise InputError(
+            f"no command {word!r}{meant(word, {name.split()[0]: None for name in COMMANDS})}; see: swarmchase --help"
+        )
     sys.exit(0)
 
 
