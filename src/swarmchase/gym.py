@@ -8,6 +8,7 @@ window in dBm, [sample, tracker] (Eq. 6); a sample that is missing has the lowes
 number, R^d; the paper's four rewards (Eqs. 7-8) are in ``info["reward_m"]``.
 """
 
+import dataclasses
 import math
 import operator
 from collections.abc import Sequence
@@ -73,7 +74,15 @@ def _action_space(scenario: Scenario) -> spaces.MultiDiscrete:
     return spaces.MultiDiscrete([len(scenario.spacing_choices_m)] + 3 * [len(scenario.displacement_choices_m)])
 
 
+class UnknownKeywordError(InputError, TypeError):
+    """As Python refuses a keyword: libraries that offer one of their own (``frameskip``) go on without it."""
+
+
 def _known_scenario(scenario: Scenario | None, changes: dict[str, Any]) -> Scenario:
+    known = [field.name for field in dataclasses.fields(Scenario)]
+    for name in changes:
+        if name not in known:
+            raise UnknownKeywordError(f"got an unexpected keyword argument {name!r}; allowed are {', '.join(known)}")
     return Scenario.from_dict({**(scenario or Scenario()).to_dict(), **changes})
 
 
