@@ -420,18 +420,19 @@ def new_networks(settings):
 
 
 def test_it_learns(tmp_path):
-    """The target 8 m away and no fading: within 200 updates the networks win distance on every axis.
+    """The target 8 m away and no fading: within 50 updates the networks win distance on every axis.
 
     The reward of a movement, chase by chase, rises from the first fifth of the chases to the last for each of x, y and
-    z, by an effect of more than 0.8 standard deviations, which is called large; 1.5 to 2.0 was seen with two seeds.
+    z, by an effect of more than 0.8 standard deviations, which is called large; 1.0 to 2.3 was seen with five seeds.
     """
     scenario = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
     settings = TrainingSettings(
-        num_agents=4,
-        learning_rate=1e-3,
+        num_agents=2,
+        chases_per_agent=8,
+        learning_rate=3e-3,
         losses=LossSettings(discount=0.5),
-        max_updates=200,
-        evaluation_interval=200,
+        max_updates=50,
+        evaluation_interval=50,
         evaluation_chases=2,
     )
     train(tmp_path, settings, scenario=scenario)
@@ -440,7 +441,7 @@ def test_it_learns(tmp_path):
     fifth = len(chases) // 5
     first, last = rate_m[:fifth], rate_m[-fifth:]
     effect = (last.mean(axis=0) - first.mean(axis=0)) / np.sqrt((first.var(axis=0) + last.var(axis=0)) / 2)
-    assert fifth >= 12
+    assert fifth >= 20
     assert (effect[1:] > 0.8).all(), effect
     movements = np.array([line["movements"] for line in chases])
     assert movements[-fifth:].mean() < 0.7 * movements[:fifth].mean()
