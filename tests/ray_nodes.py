@@ -37,6 +37,15 @@ class Nodes:
         """The node is gone at once, with all of its processes."""
         self._cluster.remove_node(node, allow_graceful=False)
 
+    @contextlib.contextmanager
+    def with_node(self, num_cpus: float) -> Iterator[Any]:
+        """A further node as long as the block lasts; it says that it goes."""
+        node = self.add(num_cpus)
+        try:
+            yield node
+        finally:
+            self._cluster.remove_node(node)
+
     def shut_down(self) -> None:
         """End all nodes."""
         self._cluster.shutdown()

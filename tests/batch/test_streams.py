@@ -90,6 +90,25 @@ def test_normals_are_box_muller_of_the_bits() -> None:
     assert ChaseStreams.of([(5, 8)], "fading").standard_normal(5)[0].tolist() == pytest.approx(expected[:5], abs=2e-6)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1, 2**32, 2**62 + 7, 2**128 - 1, 2**128])
+@pytest.mark.parametrize("number", [1, 40])
+def test_a_stream_begins_as_numpys_seed_sequence_says(seed: int, number: int) -> None:
+    """Many of one run are begun together, few and those of other numbers one by one."""
+    for first in (0, 2**32 - number, 2**32 - 1):
+        keys = chase_keys(seed, number, first)
+        streams = ChaseStreams.of(keys, "policy")
+        for (_, chase), position in zip(keys, streams.positions(), strict=True):
+            theirs = np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(2, chase))).state["state"]["state"]
+            assert position["state"]["state"] == theirs.tolist()
+
+
+def test_streams_of_several_runs_are_begun_beside_one_another() -> None:
+    keys = [(seed, chase) for seed in (3, 4) for chase in range(20)]
+    apart = [ChaseStreams.of([key], "world").positions()[0] for key in keys]
+    assert ChaseStreams.of(keys, "world").positions() == apart
+    assert ChaseStreams.of([], "world").positions() == []
+
+
 def test_uniforms_are_uniform() -> None:
     values = np.sort(ChaseStreams.of(chase_keys(1, 200), "policy").uniform(1000).numpy().ravel())
     assert values[0] >= 0

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from ray_nodes import Nodes, nodes, processes_at
+from ray_nodes import Nodes, processes_at
 from swarmchase.cli import main
 from swarmchase.cluster import connection
 from swarmchase.cluster import evaluation as cluster_evaluation
-from swarmchase.cluster.connection import connected
+from swarmchase.cluster.connection import Cluster, connected
 from swarmchase.cluster.evaluation import on_cluster
 from swarmchase.controllers import weights_path
 from swarmchase.errors import InputError
@@ -28,17 +28,19 @@ NEAR = paper_scenario(start_distance_m=20.0, max_movements=40)
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Nodes]:
-    with nodes(num_cpus=1) as started:
-        started.add(num_cpus=1)
-        yield started
+def cluster(head: Nodes) -> Iterator[Nodes]:
+    """All that is computed goes from the head to the other node and back."""
+    with head.with_node(num_cpus=2):
+        yield head
 
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blocks, "BLOCK_CHASES", 8)
     monkeypatch.setattr(cluster_evaluation, "PART_CHASES", 3)
-    monkeypatch.setattr(comparison, "TIMED_DECISIONS", 10)  # here, wherever the chases are
+    # Both here, wherever the chases are.
+    monkeypatch.setattr(comparison, "TIMED_DECISIONS", 10)
+    monkeypatch.setattr("swarmchase.reports.comparison.draw_comparison", lambda *_: [])
 
 
 def words(place: Path, **options: Any) -> list[str]:
@@ -50,23 +52,22 @@ def words(place: Path, **options: Any) -> list[str]:
 def test_the_commands_give_the_table_of_this_machine_bit_for_bit(
     cluster: Nodes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With a weights file that only this machine has, too, which acts as it is told."""
+    """With a weights file that only this machine has, which acts as it is told, and with those that come with it."""
     own = tmp_path / "own.safetensors"
     shutil.copy(weights_path("paper", NEAR) or "", own)
-    for controller, choice in (("particle", None), (own, "sampled")):
-        options = {"controller": controller} | ({} if choice is None else {"action-choice": choice})
-        main(["evaluate", *words(tmp_path, **options, table=tmp_path / "here.parquet"), "--json"])
-        here = json.loads(capsys.readouterr().out)
-        there = {"table": tmp_path / "there.parquet", "cluster": cluster.address, "folder": tmp_path / "kept"}
-        main(["evaluate", *words(tmp_path, **options, **there), "--json"])
-        output = capsys.readouterr()
-        assert json.loads(output.out) == here
-        told = f"The cluster at {cluster.address} has no token: whoever reaches its ports can run"
-        assert output.err.startswith(told) is not connection._has_token()
-        assert (tmp_path / "there.parquet").read_bytes() == (tmp_path / "here.parquet").read_bytes()
+    options = {"controller": own, "action-choice": "sampled"}
+    main(["evaluate", *words(tmp_path, **options, table=tmp_path / "here.parquet"), "--json"])
+    here = json.loads(capsys.readouterr().out)
+    there = {"table": tmp_path / "there.parquet", "cluster": cluster.address, "folder": tmp_path / "kept"}
+    main(["evaluate", *words(tmp_path, **options, **there), "--json"])
+    output = capsys.readouterr()
+    assert json.loads(output.out) == here
+    told = f"The cluster at {cluster.address} has no token: whoever reaches its ports can run"
+    assert output.err.startswith(told) is not connection._has_token()
+    assert (tmp_path / "there.parquet").read_bytes() == (tmp_path / "here.parquet").read_bytes()
     for folder, where in (("here", {}), ("there", {"cluster": cluster.address})):
         options = words(tmp_path, folder=tmp_path / folder, **where)
-        main(["compare", "--controllers", "gradient", "random", *options, "--json"])
+        main(["compare", "--controllers", "particle", "random", *options, "--json"])
     assert (tmp_path / "there" / TABLE_FILE).read_bytes() == (tmp_path / "here" / TABLE_FILE).read_bytes()
 
 
@@ -74,9 +75,15 @@ def jobs() -> list[Job]:
     return [Job(name, name, NEAR, NEAR, 20) for name in ("random", "particle")]
 
 
-def run_on(address: str, folder: Path, finished: Any = None) -> list[Evaluation]:
-    with connected(address, 1) as cluster:
-        return evaluate_jobs(folder, jobs(), 3, 1, finished, on_cluster(cluster))
+@pytest.fixture(scope="module")
+def joined(cluster: Nodes) -> Iterator[Cluster]:
+    """For the tests that follow: to join takes some seconds. The commands above do so themselves."""
+    with connected(cluster.address, 1) as one:
+        yield one
+
+
+def run_on(joined: Cluster, folder: Path, finished: Any = None) -> list[Evaluation]:
+    return evaluate_jobs(folder, jobs(), 3, 1, finished, on_cluster(joined))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +91,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> list[Evaluation]:
     return evaluate_jobs(tmp_path_factory.mktemp("here"), jobs(), 3, 1)
 
 
-def test_interrupted_it_goes_on_behind_the_last_part(cluster: Nodes, here: list[Evaluation], tmp_path: Path) -> None:
+def test_interrupted_it_goes_on_behind_the_last_part(joined: Cluster, here: list[Evaluation], tmp_path: Path) -> None:
     """Complete blocks are kept as a whole, as without a cluster, and parts of others as they are."""
 
     def stop_at_13(chases: int, found: int, job: str) -> None:
@@ -92,11 +99,11 @@ def test_interrupted_it_goes_on_behind_the_last_part(cluster: Nodes, here: list[
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_on(cluster.address, tmp_path, stop_at_13)
+        run_on(joined, tmp_path, stop_at_13)
     kept = sum(int(path.stem.split("-")[-1]) for path in (tmp_path / "blocks").iterdir())
     assert 13 <= kept < 40
     reported: list[tuple[int, int]] = []
-    there = run_on(cluster.address, tmp_path, lambda chases, found, _: reported.append((chases, found)))
+    there = run_on(joined, tmp_path, lambda chases, found, _: reported.append((chases, found)))
     assert [one.chases for one in there] == [one.chases for one in here]
     assert max(found for _, found in reported) == kept
     assert reported[-1][0] == 40
@@ -109,7 +116,7 @@ def test_interrupted_it_goes_on_behind_the_last_part(cluster: Nodes, here: list[
 
 
 def test_a_node_goes_and_another_comes_and_the_table_is_the_same(
-    cluster: Nodes, here: list[Evaluation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: Nodes, joined: Cluster, here: list[Evaluation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes while it has a part at work."""
     monkeypatch.setattr(cluster_evaluation, "PART_CHASES", 1)
@@ -121,19 +128,16 @@ def test_a_node_goes_and_another_comes_and_the_table_is_the_same(
             cluster.remove(lost)
             new.append(cluster.add(num_cpus=1))
 
-    there = run_on(cluster.address, tmp_path, exchange_nodes)
+    there = run_on(joined, tmp_path, exchange_nodes)
     assert [one.chases for one in there] == [one.chases for one in here]
     cluster.remove(*new)
 
 
-def test_a_part_that_is_refused_there_ends_it_in_one_line(cluster: Nodes, tmp_path: Path) -> None:
+def test_a_part_that_is_refused_there_ends_it_in_one_line(joined: Cluster, tmp_path: Path) -> None:
     """A weights file that was damaged after it had been looked at."""
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"no weights at all")
     block = blocks.Block(tmp_path, Job("damaged", str(damaged), NEAR, NEAR, 3), 0, 0, 3)
-    with (
-        connected(cluster.address, 1) as connection,
-        pytest.raises(InputError, match=r"^(?!.*\n).*weights file .*\.safetensors"),
-    ):
-        list(on_cluster(connection)([block], lambda *_: None))
+    with pytest.raises(InputError, match=r"^(?!.*\n).*weights file .*\.safetensors"):
+        list(on_cluster(joined)([block], lambda *_: None))
     assert not (tmp_path / "blocks").exists()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ray_nodes import Nodes, nodes
+from ray_nodes import Nodes
 from swarmchase.cli import main
 from swarmchase.cluster import training as cluster_training
 from swarmchase.cluster.connection import connected
@@ -121,45 +121,39 @@ def test_what_is_installed_here_is_found() -> None:
     assert all(found.values())
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[Nodes]:
-    with nodes(num_cpus=0) as started:
-        yield started
-
-
-def test_a_cluster_without_cpus(cluster: Nodes) -> None:
-    with pytest.raises(InputError, match="has no CPUs: start its nodes with"), connected(cluster.address, 1):
+def test_a_cluster_without_cpus(head: Nodes) -> None:
+    with pytest.raises(InputError, match="has no CPUs: start its nodes with"), connected(head.address, 1):
         pass
 
 
-def test_a_node_without_the_package_and_one_with_another_version(cluster: Nodes, tmp_path: Path) -> None:
+def test_a_node_without_the_package_and_one_with_another_version(head: Nodes, tmp_path: Path) -> None:
     """Real nodes, whose Python finds another swarmchase first: a broken one, and another torch."""
     (tmp_path / "torch-1.0.0.dist-info").mkdir()
     (tmp_path / "torch-1.0.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: torch\nVersion: 1.0.0\n")
-    node = cluster.add(1, PYTHONPATH=str(tmp_path))
-    with pytest.raises(InputError, match=r"node .* has torch 1\.0\.0, and this machine"), connected(cluster.address, 1):
+    node = head.add(1, PYTHONPATH=str(tmp_path))
+    with pytest.raises(InputError, match=r"node .* has torch 1\.0\.0, and this machine"), connected(head.address, 1):
         pass
-    cluster.remove(node)
+    head.remove(node)
     (tmp_path / "without").mkdir()
     (tmp_path / "without" / "sitecustomize.py").write_text("import sys\nsys.modules['swarmchase'] = None\n")
-    node = cluster.add(1, PYTHONPATH=str(tmp_path / "without"))
-    with pytest.raises(InputError, match=r"node .* has no swarmchase: pip install"), connected(cluster.address, 1):
+    node = head.add(1, PYTHONPATH=str(tmp_path / "without"))
+    with pytest.raises(InputError, match=r"node .* has no swarmchase: pip install"), connected(head.address, 1):
         pass
-    cluster.remove(node)
+    head.remove(node)
 
 
 def test_agents_that_find_no_cpu_do_not_wait_for_ever(
-    cluster: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    head: Nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The only node with a CPU goes before they start."""
-    monkeypatch.setattr(cluster_training, "START_LIMIT_S", 12.0)
-    node = cluster.add(1)
+    monkeypatch.setattr(cluster_training, "START_LIMIT_S", 6.0)
+    node = head.add(1)
     gone = []
 
     def remove(_: object) -> None:
         if not gone:
-            gone.append(cluster.remove(node))
+            gone.append(head.remove(node))
 
     settings = TrainingSettings(num_agents=2, max_updates=5)
-    with pytest.raises(WorkerDiedError, match=r"no local agent has reported for 12 s: 2 of 2 wait for a CPU; the clus"):
-        train_on_cluster(paper_scenario(), settings, tmp_path / "run", cluster.address, progress=remove)
+    with pytest.raises(WorkerDiedError, match=r"no local agent has reported for 6 s: 2 of 2 wait for a CPU; the clus"):
+        train_on_cluster(paper_scenario(), settings, tmp_path / "run", head.address, progress=remove)

@@ -16,7 +16,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ray_nodes import WAIT_S, Nodes, kill_one, listening_addresses, nodes, processes, processes_at, wait_until
+from ray_nodes import WAIT_S, Nodes, kill_one, listening_addresses, processes, processes_at, wait_until
 from swarmchase.cluster.training import _Agent, _Supervisor, train_on_cluster
 from swarmchase.scenario import paper_scenario
 from swarmchase.training.a3c import train_a3c
@@ -44,18 +44,21 @@ LOCAL, GLOBAL = "LocalAgentActor", "GlobalAgentActor"
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Nodes]:
-    with nodes(num_cpus=1) as started:
-        yield started
+def first(head: Nodes) -> Iterator[Any]:
+    """A node with a CPU, beside the head."""
+    with head.with_node(num_cpus=1) as node:
+        yield node
 
 
-def test_one_agent_on_the_cluster_is_the_deterministic_schedule_bit_for_bit(cluster: Nodes, tmp_path: Path) -> None:
+def test_one_agent_on_the_cluster_is_the_deterministic_schedule_bit_for_bit(
+    head: Nodes, first: Any, tmp_path: Path
+) -> None:
     """Parameters, Adam, the agent's chases and random streams, the log and the best weights."""
     settings = dataclasses.replace(
         SETTINGS, num_agents=1, max_updates=20, evaluation_interval=20, checkpoint_interval=6, final_learning_rate=1e-4
     )
     results = [
-        train_on_cluster(WORLD, settings, tmp_path / "cluster", cluster.address),
+        train_on_cluster(WORLD, settings, tmp_path / "cluster", head.address),
         train_a3c(WORLD, settings, tmp_path / "here", "deterministic"),
     ]
     assert results[0].best == results[1].best
@@ -129,24 +132,24 @@ class Ordeal:
 
 
 @pytest.fixture(scope="module")
-def ordeal(cluster: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Ordeal:
-    """Two nodes with a CPU each, and three agents: one of them waits for a third node."""
+def ordeal(head: Nodes, first: Any, tmp_path_factory: pytest.TempPathFactory) -> Ordeal:
+    """Two nodes with a CPU each beside the head, and three agents: one of them waits for a third node."""
     folder = tmp_path_factory.mktemp("ordeal") / "run"
-    second = cluster.add(num_cpus=1)
+    second = head.add(num_cpus=1)
     third: list[Any] = []
     faults = Faults(
-        (lambda update: update >= 20, lambda: kill_one(cluster.head, LOCAL)),
-        (lambda update: update >= 50, lambda: third.append(cluster.add(num_cpus=2))),
-        (lambda update: update >= 80 and len(processes_at(third[0], LOCAL)) == 1, lambda: cluster.remove(second)),
+        (lambda update: update >= 20, lambda: kill_one(first, LOCAL)),
+        (lambda update: update >= 50, lambda: third.append(head.add(num_cpus=2))),
+        (lambda update: update >= 80 and len(processes_at(third[0], LOCAL)) == 1, lambda: head.remove(second)),
         (
             lambda update: update >= 130 and len(processes_at(third[0], LOCAL)) == 2,
-            lambda: kill_one(cluster.head, GLOBAL),
+            lambda: kill_one(head.head, GLOBAL),
         ),
         (lambda update: update >= 200, lambda: signal.raise_signal(signal.SIGINT)),
     )
-    interrupted = train_on_cluster(WORLD, SETTINGS, folder, cluster.address, progress=faults)
-    finished = train_on_cluster(WORLD, SETTINGS, folder, cluster.address, resume=True)
-    cluster.remove(third[0])
+    interrupted = train_on_cluster(WORLD, SETTINGS, folder, head.address, progress=faults)
+    finished = train_on_cluster(WORLD, SETTINGS, folder, head.address, resume=True)
+    head.remove(third[0])
     return Ordeal(interrupted, finished, folder, faults.happened_at)
 
 

@@ -677,7 +677,7 @@ WINDOW = st.lists(st.sampled_from(LEVELS_DBM), min_size=30, max_size=30)
 
 
 @pytest.mark.parametrize("name", [*LISTENING, *NOT_LISTENING])
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(
     windows=st.lists(st.tuples(WINDOW, st.sampled_from(list(PLACES.values()))), min_size=1, max_size=5),
     num_trackers=st.integers(1, 6),
@@ -737,12 +737,12 @@ LOSSY = dataclasses.replace(SCENARIO, missing_sample_share=0.2)
 @pytest.mark.parametrize("scenario", [SCENARIO, LOSSY], ids=["complete", "samples missing"])
 @pytest.mark.parametrize("name", [*LISTENING, *NOT_LISTENING])
 def test_a_chase_is_the_same_alone_and_in_any_batch(name, scenario):
-    """Bit for bit: 64 chases at once, in eights, in threes and alone."""
+    """Bit for bit: 64 chases at once, in an eight, in threes and alone."""
     controller = load_controller(name, scenario)
-    whole = trace(controller, scenario, 64, 0, 7)
-    for size, firsts in ((8, (0, 56)), (3, (30, 33)), (1, (0, 5, 17, 40, 63))):
+    whole = trace(controller, scenario, 64, 0, 5)
+    for size, firsts in ((8, (56,)), (3, (30, 33)), (1, (0, 17, 63))):
         for first in firsts:
-            part = trace(controller, scenario, size, first, 7)
+            part = trace(controller, scenario, size, first, 5)
             for one, other in zip(part, whole, strict=True):
                 assert_same(one, {key: tensor[first : first + size] for key, tensor in other.items()})
 
@@ -788,12 +788,12 @@ def movements(name, scenario, num_chases):
 
 def test_particle_is_well_under_the_one_window_controllers_where_fading_is_slow():
     """Theirs is 69 at 100 Hz, rho = 0.1."""
-    assert nearest_rank_percentile(movements("particle", SCENARIO, 200), 90) <= 48
+    assert nearest_rank_percentile(movements("particle", SCENARIO, 100), 90) <= 48
 
 
 def test_multilateration_is_nearly_the_oracle_where_fading_averages_out():
     """The oracle's 90th percentile is 24."""
-    assert nearest_rank_percentile(movements("multilateration", MILD, 200), 90) <= 26
+    assert nearest_rank_percentile(movements("multilateration", MILD, 100), 90) <= 26
 
 
 @pytest.mark.parametrize("name", CONVENTIONAL)
@@ -802,7 +802,7 @@ def test_multilateration_is_nearly_the_oracle_where_fading_averages_out():
 )
 def test_targets_are_reached_at_the_edges_of_what_a_scenario_may_be(name, changes):
     scenario = paper_scenario(sampling_hz=10.0, **changes)
-    assert max(movements(name, scenario, 8)) <= 60
+    assert max(movements(name, scenario, 4)) <= 60
 
 
 def test_names_are_those_of_the_controllers():

@@ -74,8 +74,7 @@ def test_of_what_it_heard_what_is_old_counts_less_and_what_is_near_fades_sooner(
         assert trust == pytest.approx(1 / math.hypot(1, wandered_db / LAW.standard_deviation_db), rel=0.02)
 
 
-@pytest.mark.parametrize(("name", "power_is_known"), [(NAMES[0], True), (NAMES[1], False)])
-@pytest.mark.parametrize("chase", [0, 1])
+@pytest.mark.parametrize(("name", "power_is_known", "chase"), [(NAMES[0], True, 0), (NAMES[1], False, 1)])
 def test_it_is_the_robust_fit_of_scipy(name, power_is_known, chase):
     controller, environment = load_controller(name, WAYPOINTS), Environment(WAYPOINTS)
     state, memory = environment.reset(chase_keys(1, 1, chase)), controller.begin(1, 1, chase)
@@ -142,13 +141,13 @@ def test_a_chase_is_the_same_alone_and_in_any_batch(name):
         states = [environment.reset(chase_keys(1, 1, number)) for number in numbers]
         memories = [controller.begin(1, 1, number) for number in numbers]
         state, memory = functools.reduce(join_chases, states), functools.reduce(join_chases, memories)
-        for _ in range(12):
+        for _ in range(10):
             action, memory = controller.decide(state.observation(), memory)
             state, _ = environment.step(state, action)
         return memory
 
-    together = flown([3, 0, 2, 1, 5])
-    for row, number in enumerate([3, 0, 2, 1, 5]):
+    together = flown([3, 0, 5])
+    for row, number in enumerate([3, 0, 5]):
         alone, _ = pack(flown([number]), "memory")
         in_batch, _ = pack(select_chases(together, [row]), "memory")
         for part, tensor in alone.items():

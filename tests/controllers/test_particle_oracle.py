@@ -279,13 +279,11 @@ def compared(beliefs, oracle):
     return difference / unit, np.sqrt(variance) / unit
 
 
-TRACES = pytest.mark.parametrize(
-    ("sampling_hz", "rho", "num_windows", "chase"),
-    [(100, 0.1, 15, 0), (100, 0.1, 15, 1), (20, 0.5, 12, 2), (10, 0.9, 10, 3)],
-)
+TRACE = ("sampling_hz", "rho", "num_windows", "chase")
+TRACES = [(100, 0.1, 15, 0), (100, 0.1, 15, 1), (20, 0.5, 12, 2), (10, 0.9, 10, 3)]
 
 
-@TRACES
+@pytest.mark.parametrize(TRACE, [TRACES[0], *TRACES[2:]])
 def test_particle_with_a_narrow_kernel_is_stonesoup_s_filter(monkeypatch, sampling_hz, rho, num_windows, chase):
     scenario, observations, oracle = trace(sampling_hz, rho, num_windows, chase)
     monkeypatch.setattr(particle, "KERNEL_WIDTH", NARROW_KERNEL)
@@ -296,7 +294,7 @@ def test_particle_with_a_narrow_kernel_is_stonesoup_s_filter(monkeypatch, sampli
     assert np.median(STANDARD_ERRORS * error) < 0.15
 
 
-@TRACES
+@pytest.mark.parametrize(TRACE, TRACES)
 def test_particle_as_it_is_shipped_is_near_stonesoup_s_filter(sampling_hz, rho, num_windows, chase):
     scenario, observations, oracle = trace(sampling_hz, rho, num_windows, chase)
     difference, error = compared(particle_beliefs(scenario, observations, 32), oracle)

@@ -315,14 +315,15 @@ def test_the_command_leaves_table_report_figures_and_one_json_list(
 ) -> None:
     NEAR.save_toml(tmp_path / "near.toml")
     folder = tmp_path / "out"
-    words = ["compare", "--controllers", "gradient", "random", "--sampling-hz", "20", "100", "--episodes", "2"]
+    several = [] if departures else ["20"]
+    words = ["compare", "--controllers", "gradient", "random", "--sampling-hz", *several, "100", "--episodes", "2"]
     words += ["--spatial-correlation", "0.5", "--scenario", str(tmp_path / "near.toml"), "--processes", "1"]
     words += ["--seed", "4", "--folder", str(folder), "--json", *(["--departures"] if departures else [])]
     main(words)
     output = capsys.readouterr()
     rows = json.loads(output.out)
     worlds = len(DEPARTURES) - 1 if departures else 1
-    assert len(rows) == 2 * 2 * worlds
+    assert len(rows) == 2 * (len(several) + 1) * worlds
     alone = evaluate(dataclasses.replace(NEAR, sampling_hz=100.0, spatial_correlation=0.5), "random", 2, 4).summary()
     [same] = [row for row in rows if (row["controller"], row["sampling_hz"], row["world"]) == ("random", 100, AS_TOLD)]
     assert alone.items() <= same.items()
@@ -341,7 +342,10 @@ def test_the_command_leaves_table_report_figures_and_one_json_list(
 
 
 @pytest.mark.usefixtures("few_timed")
-def test_the_paper_settings_are_twelve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_paper_settings_are_twelve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmchase.reports.comparison.draw_comparison", lambda *_: [])  # the test above looks at them
     words = ["compare", "--controllers", "oracle", "--episodes", "1", "--processes", "1", "--paper-settings"]
     main([*words, "--folder", str(tmp_path / "out"), "--json"])
     rows = json.loads(capsys.readouterr().out)

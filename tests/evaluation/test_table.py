@@ -226,12 +226,12 @@ def small_shares(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_table_is_the_same_for_any_batch_size(controller: str, weights: Path, tmp_path: Path) -> None:
     name = str(weights) if controller == "learned" else controller
     tables = {
-        batch_size: table_of(tmp_path, controller=name, episodes=24, batch_size=batch_size)
+        batch_size: table_of(tmp_path, controller=name, episodes=12, batch_size=batch_size)
         for batch_size in (1, 7, 128)
     }
     assert tables[1] == tables[7] == tables[128]
     if controller == "learned":
-        assert table_of(tmp_path, controller=name, episodes=24, action_choice="greedy") != tables[7]
+        assert table_of(tmp_path, controller=name, episodes=12, action_choice="greedy") != tables[7]
 
 
 @pytest.mark.usefixtures("small_shares")

@@ -247,7 +247,7 @@ def test_what_does_not_go_together_is_refused(changes, message):
 
 def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path):
     settings = dataclasses.replace(
-        PRESETS["recurrent"], max_updates=8, evaluation_interval=4, evaluation_chases=2, checkpoint_interval=2
+        PRESETS["recurrent"], max_updates=4, evaluation_interval=4, evaluation_chases=2, checkpoint_interval=2
     )
     settings = dataclasses.replace(settings, chases_per_agent=4, update_interval=3)
     world = dataclasses.replace(WORLD, start_distance_m=8.0, max_movements=12)
@@ -264,16 +264,17 @@ def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_pa
         return {key: tensor.numpy().tobytes() for key, tensor in tensors.items()}, log
 
     whole = train(tmp_path / "whole")
-    train(tmp_path / "parts", interrupt_at=5)
+    train(tmp_path / "parts", interrupt_at=3)
     assert train(tmp_path / "parts", resume=True) == whole
     assert (tmp_path / "whole/best.safetensors").read_bytes() == (tmp_path / "parts/best.safetensors").read_bytes()
 
 
 def test_it_learns(tmp_path, capsys):
-    """Sixty updates narrow the law from 2.5 dB to below 2 dB, and chases get shorter by it."""
+    """Thirty updates narrow the law from 2.5 dB to below 2 dB (1.8 with three seeds), and chases get shorter by it, to
+    0.91 of what they were."""
     words = ["train", "batched", "--preset", "recurrent", "--sampling-hz", "100", "--spatial-correlation", "0.1"]
-    words += ["--folder", str(tmp_path / "run"), "--updates", "60", "--chases-per-agent", "128", "--threads", "1"]
-    main([*words, "--evaluation-interval", "60", "--evaluation-chases", "10"])
+    words += ["--folder", str(tmp_path / "run"), "--updates", "30", "--chases-per-agent", "64", "--threads", "1"]
+    main([*words, "--learning-rate", "4e-3", "--evaluation-interval", "30", "--evaluation-chases", "10"])
     capsys.readouterr()
     [evaluation] = read_log(tmp_path / "run", "evaluation")
     assert evaluation["success_rate"] == 1
@@ -285,7 +286,7 @@ def test_it_learns(tmp_path, capsys):
     apart_db = [law.standard_deviation_db * math.sqrt(1 - law.correlation) for law in (raw, learned)]
     assert apart_db[1] < 0.8 * apart_db[0]
     means = [
-        np.mean([result.movements for result in run_chases(WORLD, controller, 5, range(150))])
+        np.mean([result.movements for result in run_chases(WORLD, controller, 5, range(100))])
         for controller in (
             load_controller("particle", WORLD),
             network_controller(WORLD, networks, "it", "greedy"),

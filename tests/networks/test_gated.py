@@ -269,16 +269,17 @@ def test_training_goes_on_from_a_weights_file_of_its_own_form_alone(network):
 
 
 def test_it_learns(tmp_path, capsys):
-    """From 12 m away, four seconds of training: new networks reach next to nothing, trained ones nearly all."""
+    """From 12 m away, two seconds of training: new networks reach next to nothing, trained ones nearly all."""
     world = paper_scenario(start_distance_m=12.0, max_movements=30)
     world.save_toml(tmp_path / "world.toml")
     words = ["train", "batched", "--preset", "gated", "--scenario", str(tmp_path / "world.toml")]
-    words += ["--folder", str(tmp_path / "run"), "--updates", "60", "--chases-per-agent", "64", "--threads", "1"]
-    main([*words, "--evaluation-interval", "1", "--evaluation-chases", "50", "--evaluation-interval", "30"])
+    words += ["--folder", str(tmp_path / "run"), "--updates", "40", "--chases-per-agent", "32", "--threads", "1"]
+    words += ["--learning-rate", "4e-3"]
+    main([*words, "--evaluation-chases", "50", "--evaluation-interval", "20"])
     first, *_, last = read_log(tmp_path / "run", "evaluation")
     assert last["success_rate"] >= 0.98
     assert last["movements_mean"] < 7
     _, configuration = load_weights(tmp_path / "run" / "best.safetensors")
     assert configuration["settings"]["form"] == "gated"
-    assert first["update"] == 30
+    assert first["update"] == 20
     capsys.readouterr()

@@ -26,14 +26,14 @@ from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.run_folder import TrainingLog, read_log
 from swarmchase.training.settings import TrainingSettings
 
-WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12, continuity="continuous")
+WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=8, continuity="continuous")
 SETTINGS = TrainingSettings(
     num_agents=3,
     learning_rate=1e-3,
-    max_updates=18,
+    max_updates=12,
     seed=5,
-    evaluation_interval=6,
-    evaluation_chases=4,
+    evaluation_interval=4,
+    evaluation_chases=3,
     checkpoint_interval=5,
 )
 
@@ -71,44 +71,45 @@ def undisturbed(tmp_path_factory):
 
 def test_a_run_leaves_what_it_promises(undisturbed):
     result, folder = undisturbed
-    assert (result.updates, result.stopped, result.weights) == (18, "finished", folder / "best.safetensors")
+    assert (result.updates, result.stopped, result.weights) == (12, "finished", folder / "best.safetensors")
     evaluations, chases = read_log(folder, "evaluation"), read_log(folder, "chase")
-    assert [line["update"] for line in evaluations] == [6, 12, 18]
+    assert [line["update"] for line in evaluations] == [4, 8, 12]
     # Agent i takes the chases i, i + 3, i + 6, ...
     assert len(chases) >= 5
     for agent in range(3):
         own = [line["chase"] for line in chases if line["agent"] == agent]
         assert own == [agent + 3 * k for k in range(len(own))]
-    assert all(1 <= line["movements"] <= 12 for line in chases)
+    assert all(1 <= line["movements"] <= 8 for line in chases)
     # Every movement made is in a finished chase or in one of the three that are under way.
     booked = sum(line["movements"] for line in chases)
-    assert booked <= result.environment_steps <= booked + 3 * 12
+    assert booked <= result.environment_steps <= booked + 3 * 8
     assert result.environment_steps == evaluations[-1]["environment_steps"]
     names = {path.name for path in folder.iterdir()}
     assert names == {"best.safetensors", "resume.safetensors", "training.jsonl", "training.lock", "tensorboard"}
 
 
-def test_the_same_run_again_is_the_same_bit_for_bit_and_another_seed_is_not(undisturbed, tmp_path):
-    train(tmp_path / "again")
-    assert left_behind(tmp_path / "again") == left_behind(undisturbed[1])
-    train(tmp_path / "other", dataclasses.replace(SETTINGS, seed=6))
-    assert left_behind(tmp_path / "other")[0] != left_behind(undisturbed[1])[0]
+def test_another_seed_is_another_run(tmp_path):
+    """The same seed is the same run, bit for bit: so says the command's test."""
+    for seed in (5, 6):
+        train(tmp_path / str(seed), dataclasses.replace(SETTINGS, seed=seed), interrupt_at=2)
+    ours, others = (load_file(tmp_path / seed / "resume.safetensors") for seed in ("5", "6"))
+    assert not [name for name in ("global.vector", "agent0.state.center_m") if torch.equal(ours[name], others[name])]
 
 
-@pytest.mark.parametrize("interrupt_at", [1, 10, 12])
+@pytest.mark.parametrize("interrupt_at", [1, 8, 10])
 def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(undisturbed, tmp_path, interrupt_at):
     result = train(tmp_path, interrupt_at=interrupt_at)
     assert (result.updates, result.stopped) == (interrupt_at, "interrupted")
     assert left_behind(tmp_path)[0] != left_behind(undisturbed[1])[0]
     result = train(tmp_path, resume=True)
-    assert (result.updates, result.stopped) == (18, "finished")
+    assert (result.updates, result.stopped) == (12, "finished")
     assert left_behind(tmp_path) == left_behind(undisturbed[1])
 
 
 def test_resuming_is_exact_with_several_chases_an_agent_and_a_falling_learning_rate(tmp_path):
-    settings = dataclasses.replace(SETTINGS, num_agents=2, chases_per_agent=3, final_learning_rate=1e-4, max_updates=12)
+    settings = dataclasses.replace(SETTINGS, num_agents=2, chases_per_agent=3, final_learning_rate=1e-4, max_updates=8)
     train(tmp_path / "whole", settings)
-    train(tmp_path / "parts", settings, interrupt_at=7)
+    train(tmp_path / "parts", settings, interrupt_at=4)
     train(tmp_path / "parts", settings, resume=True)
     assert left_behind(tmp_path / "parts") == left_behind(tmp_path / "whole")
     assert len(read_log(tmp_path / "whole", "chase")) >= 6
@@ -116,9 +117,9 @@ def test_resuming_is_exact_with_several_chases_an_agent_and_a_falling_learning_r
 
 def test_what_was_logged_after_the_last_checkpoint_is_made_again_and_not_twice(undisturbed, tmp_path):
     """A killed run: its log goes further than its checkpoint, and its last line is half written."""
-    train(tmp_path, interrupt_at=8)
+    train(tmp_path, interrupt_at=5)
     resume_file = (tmp_path / "resume.safetensors").read_bytes()
-    train(tmp_path, resume=True, interrupt_at=14)
+    train(tmp_path, resume=True, interrupt_at=9)
     (tmp_path / "resume.safetensors").write_bytes(resume_file)
     chases = read_log(tmp_path, "chase")
     with open(tmp_path / "training.jsonl", "a") as log:
@@ -129,10 +130,10 @@ def test_what_was_logged_after_the_last_checkpoint_is_made_again_and_not_twice(u
 
 
 def test_a_finished_run_resumed_does_nothing(undisturbed, tmp_path):
-    train(tmp_path)
-    result = train(tmp_path, resume=True)
-    assert (result.updates, result.stopped) == (18, "finished")
-    assert left_behind(tmp_path) == left_behind(undisturbed[1])
+    folder = shutil.copytree(undisturbed[1], tmp_path / "run")
+    result = train(folder, resume=True)
+    assert (result.updates, result.stopped) == (12, "finished")
+    assert left_behind(folder) == left_behind(undisturbed[1])
 
 
 def test_ctrl_c_is_again_what_it_was(undisturbed):
@@ -277,7 +278,7 @@ def test_the_command_makes_the_same_run(undisturbed, tmp_path, capsys):
     main([*command(tmp_path), "--folder", str(tmp_path / "run"), "--json"])
     assert left_behind(tmp_path / "run") == left_behind(undisturbed[1])
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["updates"], printed["stopped"]) == (18, "finished")
+    assert (printed["updates"], printed["stopped"]) == (12, "finished")
     assert printed["weights"] == str(tmp_path / "run" / "best.safetensors")
     assert printed["best"] == dataclasses.asdict(undisturbed[0].best)
 
@@ -337,11 +338,11 @@ def test_the_defaults_are_table_one():
     assert settings.final_learning_rate is None
 
 
-@pytest.mark.parametrize(("stop_at_p90", "updates"), [(13.0, 6), (0.0, 18)])
+@pytest.mark.parametrize(("stop_at_p90", "updates"), [(9.0, 4), (0.0, 12)])
 def test_the_stop_criterion_stops_it_at_the_first_evaluation_that_meets_it(tmp_path, stop_at_p90, updates):
-    """13 movements is a failed chase: any policy meets that, and none meets 0."""
+    """9 movements is a failed chase: any policy meets that, and none meets 0."""
     result = train(tmp_path, dataclasses.replace(SETTINGS, stop_at_p90=stop_at_p90))
-    assert (result.updates, result.stopped) == (updates, "criterion met" if updates == 6 else "finished")
+    assert (result.updates, result.stopped) == (updates, "criterion met" if updates == 4 else "finished")
     assert load_file(tmp_path / "resume.safetensors")["global.updates"].item() == updates
 
 
@@ -352,12 +353,12 @@ def order(line):
 
 def test_the_best_weights_are_those_of_the_best_evaluation(tmp_path):
     """A learning rate that destroys: an early evaluation is the best, and its weights stay."""
-    settings = dataclasses.replace(SETTINGS, learning_rate=0.3, evaluation_interval=2, evaluation_chases=16)
+    settings = dataclasses.replace(SETTINGS, learning_rate=0.3, evaluation_interval=2, evaluation_chases=8)
     folder = tmp_path / "run"
     result = train(folder, settings)
     evaluations = read_log(folder, "evaluation")
     best = min(evaluations, key=order)
-    assert best["update"] < 18
+    assert best["update"] < 12
     assert dataclasses.asdict(result.best) == {name: best[name] for name in dataclasses.asdict(result.best)}
     networks, configuration = load_weights(folder / "best.safetensors")
     assert configuration["update"] == best["update"]
@@ -371,8 +372,8 @@ def test_the_best_weights_are_those_of_the_best_evaluation(tmp_path):
 
 
 def test_a_resumed_run_keeps_the_best_of_before(tmp_path):
-    settings = dataclasses.replace(SETTINGS, learning_rate=0.3, evaluation_interval=2, evaluation_chases=16)
-    train(tmp_path, settings, interrupt_at=14)
+    settings = dataclasses.replace(SETTINGS, learning_rate=0.3, evaluation_interval=2, evaluation_chases=8)
+    train(tmp_path, settings, interrupt_at=8)
     weights = (tmp_path / "best.safetensors").read_bytes()
     best = min(
         (1 - line["success_rate"], line["movements_p90"], line["movements_mean"])
@@ -381,7 +382,7 @@ def test_a_resumed_run_keeps_the_best_of_before(tmp_path):
     result = train(tmp_path, settings, resume=True)
     later = [
         (1 - line["success_rate"], line["movements_p90"], line["movements_mean"])
-        for line in read_log(tmp_path, "evaluation")[7:]
+        for line in read_log(tmp_path, "evaluation")[4:]
     ]
     assert len(later) == 2
     assert min(later) >= best
@@ -419,18 +420,19 @@ def new_networks(settings):
 
 
 def test_it_learns(tmp_path):
-    """The target 8 m away and no fading: within 200 updates the networks win distance on every axis.
+    """The target 8 m away and no fading: within 50 updates the networks win distance on every axis.
 
     The reward of a movement, chase by chase, rises from the first fifth of the chases to the last for each of x, y and
-    z, by an effect of more than 0.8 standard deviations, which is called large; 1.5 to 2.0 was seen with two seeds.
+    z, by an effect of more than 0.8 standard deviations, which is called large; 1.0 to 2.3 was seen with five seeds.
     """
     scenario = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
     settings = TrainingSettings(
-        num_agents=4,
-        learning_rate=1e-3,
+        num_agents=2,
+        chases_per_agent=8,
+        learning_rate=3e-3,
         losses=LossSettings(discount=0.5),
-        max_updates=200,
-        evaluation_interval=200,
+        max_updates=50,
+        evaluation_interval=50,
         evaluation_chases=2,
     )
     train(tmp_path, settings, scenario=scenario)
@@ -439,7 +441,7 @@ def test_it_learns(tmp_path):
     fifth = len(chases) // 5
     first, last = rate_m[:fifth], rate_m[-fifth:]
     effect = (last.mean(axis=0) - first.mean(axis=0)) / np.sqrt((first.var(axis=0) + last.var(axis=0)) / 2)
-    assert fifth >= 12
+    assert fifth >= 20
     assert (effect[1:] > 0.8).all(), effect
     movements = np.array([line["movements"] for line in chases])
     assert movements[-fifth:].mean() < 0.7 * movements[:fifth].mean()

@@ -22,11 +22,14 @@ from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 from swarmchase.training.a3c import train_a3c
 from swarmchase.training.agent import NEAREST_START, LocalAgent
 from swarmchase.training.batched import train_batched
+from swarmchase.training.evaluator import measured
+from swarmchase.training.global_agent import SharedParameters
 from swarmchase.training.losses import LossSettings
+from swarmchase.training.parameters import FlatNetworks
 from swarmchase.training.rollout import Rollout
 from swarmchase.training.run import TrainingStatus
 from swarmchase.training.run_folder import read_log
-from swarmchase.training.settings import PRESETS, TrainingSettings
+from swarmchase.training.settings import PRESETS, TrainingSettings, training_seed
 from swarmchase.training.symmetry import mirrored
 from swarmchase.world.environment import (
     Environment,
@@ -39,14 +42,15 @@ from swarmchase.world.radio import rssi_dbm
 
 WORLD = paper_scenario(window_samples=3, start_distance_m=8.0, max_movements=12)
 OTHER = dataclasses.replace(WORLD, sampling_hz=100.0, spatial_correlation=0.1)
+EASY = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
 SMALL = {
-    "max_updates": 12,
+    "max_updates": 8,
     "seed": 5,
-    "evaluation_interval": 6,
-    "evaluation_chases": 4,
-    "checkpoint_interval": 4,
+    "evaluation_interval": 4,
+    "evaluation_chases": 2,
+    "checkpoint_interval": 3,
     "num_agents": 1,
-    "chases_per_agent": 6,
+    "chases_per_agent": 4,
 }
 
 
@@ -70,7 +74,7 @@ def train(
     train_batched(scenarios or [WORLD], settings, folder, resume, progress)
     log = [json.loads(line) for line in (folder / "training.jsonl").read_text().splitlines()]
     return {
-        **{name: tensor.tolist() for name, tensor in load_file(folder / "resume.safetensors").items()},
+        **{name: tensor.numpy().tobytes() for name, tensor in load_file(folder / "resume.safetensors").items()},
         "log": [{name: value for name, value in line.items() if name != "seconds"} for line in log],
     }
 
@@ -81,31 +85,28 @@ def test_it_is_a3c_with_one_worker_and_the_same_chases_parameter_by_parameter(tm
     batched = train(tmp_path / "batched", settings)
     train_a3c(WORLD, settings, tmp_path / "a3c", "deterministic")
     a3c = load_file(tmp_path / "a3c" / "resume.safetensors")
-    assert {name: tensor.tolist() for name, tensor in a3c.items()} == {
+    assert {name: tensor.numpy().tobytes() for name, tensor in a3c.items()} == {
         name: value for name, value in batched.items() if name != "log"
     }
 
 
-@pytest.mark.parametrize(
-    ("name", "scenarios"),
-    [("a2c", [WORLD]), *((name, [WORLD, OTHER]) for name in ("a2c", "ppo", "all-actions", "counterfactual"))],
-)
-def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(
-    tmp_path: Path, name: str, scenarios: list[Scenario]
-) -> None:
-    settings = preset(name)
+@pytest.mark.parametrize("name", ["a2c", "ppo", "all-actions", "counterfactual"])
+def test_a_run_interrupted_and_resumed_is_the_undisturbed_one_bit_for_bit(tmp_path: Path, name: str) -> None:
+    """Between two checkpoints, and after an evaluation."""
+    settings, scenarios = preset(name), [WORLD, OTHER]
     whole = train(tmp_path / "whole", settings, scenarios)
-    train(tmp_path / "parts", settings, scenarios, interrupt_at=7)
+    train(tmp_path / "parts", settings, scenarios, interrupt_at=5)
     assert train(tmp_path / "parts", settings, scenarios, resume=True) == whole
     weights = [(tmp_path / folder / "best.safetensors").read_bytes() for folder in ("whole", "parts")]
     assert weights[0] == weights[1]
 
 
 def test_scenarios_take_turns_and_are_evaluated_one_by_one(tmp_path: Path) -> None:
-    settings = preset("counterfactual", max_updates=6)
-    left = train(tmp_path, settings, [WORLD, OTHER, WORLD])
-    # Each of three agents has made two rollouts of two movements with six chases.
-    moved = [torch.tensor(left[f"agent{agent}.state.movements"]) for agent in range(3)]
+    settings = preset("counterfactual", max_updates=6, evaluation_interval=6)
+    train(tmp_path, settings, [WORLD, OTHER, WORLD])
+    # Each of three agents has made two rollouts of two movements with four chases.
+    left = load_file(tmp_path / "resume.safetensors")
+    moved = [left[f"agent{agent}.state.movements"] for agent in range(3)]
     assert all((movements <= 4).all() and (movements > 0).any() for movements in moved)
     [evaluation] = read_log(tmp_path, "evaluation")
     assert len(evaluation["p90_by_scenario"]) == 3
@@ -117,13 +118,12 @@ def test_scenarios_take_turns_and_are_evaluated_one_by_one(tmp_path: Path) -> No
 
 
 def test_ppo_makes_several_updates_of_a_rollout(tmp_path: Path) -> None:
-    settings = preset("ppo", passes_per_rollout=3)
-    left = train(tmp_path, settings)
-    # 12 updates are four rollouts of five movements.
-    assert max(left["agent0.state.movements"]) <= 12
-    evaluations = [line for line in left["log"] if line["kind"] == "evaluation"]
-    assert [line["update"] for line in evaluations] == [6, 12]
-    assert evaluations[-1]["environment_steps"] <= 4 * 5 * 6
+    train(tmp_path, preset("ppo", passes_per_rollout=3, max_updates=6, evaluation_interval=3))
+    # 6 updates are two rollouts of five movements.
+    assert load_file(tmp_path / "resume.safetensors")["agent0.state.movements"].max() <= 10
+    evaluations = read_log(tmp_path, "evaluation")
+    assert [line["update"] for line in evaluations] == [3, 6]
+    assert [line["environment_steps"] <= rollouts * 5 * 4 for rollouts, line in enumerate(evaluations, 1)] == [True] * 2
 
 
 def test_it_begins_from_a_weights_file_and_decides_as_that_does(tmp_path: Path) -> None:
@@ -310,20 +310,28 @@ def test_the_spacing_explores_as_often_as_it_is_told() -> None:
     assert abs(counts[2] - 0.8) < 0.08
 
 
+@pytest.fixture(scope="module")
+def untrained_movements() -> float:
+    """Of the first networks, hardly a chase of which reaches the target in 20 movements."""
+    settings = preset("a2c", evaluation_chases=20)
+    start = FlatNetworks(new_networks(settings, torch.Generator().manual_seed(training_seed(settings.seed))))
+    return measured([EASY], settings, SharedParameters.start(start.vector)).movements_mean
+
+
 @pytest.mark.parametrize(
-    ("name", "rollouts", "learning_rate"),
-    [("a2c", 30, 4e-3), ("ppo", 14, 3e-3), ("all-actions", 30, 3e-3), ("counterfactual", 30, 2e-3)],
+    ("name", "rollouts", "chases", "learning_rate"),
+    [("a2c", 30, 24, 4e-3), ("ppo", 14, 24, 3e-3), ("all-actions", 30, 24, 3e-3), ("counterfactual", 15, 16, 3e-3)],
 )
-def test_every_objective_learns(tmp_path: Path, name: str, rollouts: int, learning_rate: float) -> None:
-    """The target 8 m away and no fading: hardly a chase of the first networks reaches it in 20 movements."""
-    scenario = paper_scenario(start_distance_m=8.0, max_movements=20, rician_k=1e6, window_samples=4)
+def test_every_objective_learns(
+    tmp_path: Path, untrained_movements: float, name: str, rollouts: int, chases: int, learning_rate: float
+) -> None:
+    """The target 8 m away and no fading; 0.3 to 0.6 of the movements were seen with five seeds."""
     updates = rollouts * PRESETS[name].passes_per_rollout
-    changes = {"chases_per_agent": 24, "learning_rate": learning_rate, "evaluation_chases": 40}
+    changes = {"chases_per_agent": chases, "learning_rate": learning_rate, "evaluation_chases": 20}
     settings = preset(name, max_updates=updates, evaluation_interval=updates, checkpoint_interval=updates, **changes)
-    train(tmp_path / "first", dataclasses.replace(settings, evaluation_interval=1, max_updates=1), [scenario])
-    train(tmp_path / "learned", settings, [scenario])
-    first, learned = (read_log(tmp_path / folder, "evaluation")[0] for folder in ("first", "learned"))
-    assert learned["movements_mean"] < 0.7 * first["movements_mean"]
+    train_batched([EASY], settings, tmp_path)
+    [learned] = read_log(tmp_path, "evaluation")
+    assert learned["movements_mean"] < 0.7 * untrained_movements
 
 
 def test_the_papers_networks_are_trained_in_flight(tmp_path: Path) -> None:
