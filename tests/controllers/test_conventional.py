@@ -747,6 +747,23 @@ def test_a_chase_is_the_same_alone_and_in_any_batch(name, scenario):
                 assert_same(one, {key: tensor[first : first + size] for key, tensor in other.items()})
 
 
+@pytest.mark.parametrize("name", ["robust", "recurrent", "paper", "paper-a3c"])
+def test_a_network_says_the_same_in_a_batch_of_any_size(name):
+    """Bit for bit: a batch shrinks chase by chase as the last ones end. Sums of products differ for some sizes only."""
+    scenario = paper_scenario(sampling_hz=100, spatial_correlation=0.1)
+    controller = load_controller(name, scenario)
+    observation = Environment(scenario).reset(chase_keys(3, 64)).observation()
+
+    def decided(rows):
+        part = Observation(observation.rssi_dbm[:rows], observation.tracker_position_m[:rows])
+        action, memory = controller.decide(part, controller.begin(rows, 3))
+        return pack(memory, "memory")[0] | pack(action, "action")[0]
+
+    whole = decided(64)
+    for rows in (29, 30, 31, 42, 45, 46, 47, 51, 52, 53, 55, 57, 59, 61, 63):
+        assert_same(decided(rows), {name: tensor[:rows] for name, tensor in whole.items()})
+
+
 @pytest.mark.parametrize("name", CONVENTIONAL)
 def test_a_chase_is_the_same_beside_one_that_began_long_before(name):
     """Bit for bit, as ``run_chases`` fills its batches: two chases after 3 movements and one after 20."""

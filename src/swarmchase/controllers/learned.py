@@ -122,7 +122,7 @@ class LearnedController:
             )
         num_chases = len(window_dbm)
         inputs = [window_dbm, mean_position_m(observation).float(), memory]
-        missing = self._networks.smallest_batch - num_chases
+        missing = -num_chases % self._networks.batch_multiple
         if missing > 0:
             inputs = [torch.cat([part, part[:1].expand(missing, *part.shape[1:])]) for part in inputs]
         with torch.inference_mode():

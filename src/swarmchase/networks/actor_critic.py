@@ -107,7 +107,7 @@ class WindowNetworks(DecidingNetworks):
 
     form = "paper"
     memory_features = 0
-    smallest_batch = 8
+    batch_multiple = 8
 
     def policy_logits(self, rssi_dbm: Float[Tensor, "chase sample 6"]) -> Float[Tensor, "chase 4 5"]:
         """The policies alone, for acting."""

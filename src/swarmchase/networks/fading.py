@@ -34,7 +34,7 @@ class FadingNetwork(ExpectingNetwork):
 
     form = "fading"
     memory_features = TOLD_FEATURES
-    smallest_batch = 16
+    batch_multiple = 16
 
     def __init__(self, generator: torch.Generator | None = None) -> None:
         """``generator`` draws the initial weights; without it they are left for a file to fill."""
@@ -92,7 +92,7 @@ class CorrectedPower:
     def __call__(self, rssi_dbm: Float[Tensor, "chase sample tracker"]) -> Float[Tensor, "chase tracker"]:
         """In dBm; NaN where a tracker has no sample."""
         num_chases = len(rssi_dbm)
-        missing = max(0, self._network.smallest_batch - num_chases)
+        missing = -num_chases % self._network.batch_multiple
         window_dbm = torch.cat([rssi_dbm.float(), rssi_dbm[:1].float().expand(missing, -1, -1)])
         with torch.inference_mode():
             expected_db: Tensor = self._network(window_dbm, self._network.begin(self._scenario, len(window_dbm)))

@@ -54,7 +54,7 @@ class GatedNetwork(DecidingNetworks):
 
     form = "gated"
     memory_features = GATED_FEATURES + CENTER_FEATURES + TOLD_FEATURES
-    smallest_batch = 16
+    batch_multiple = 16
     share_position = 3 + 3 + 1 + NUM_TRACKERS + NUM_TRACKERS * SHAPE_FEATURES
     """Where the six shares of valid samples begin among what it hears in a window."""
 

@@ -22,8 +22,9 @@ class HearingNetworks(nn.Module):
     """Name of their ``Form``."""
     memory_features: int
     """Length of what they carry."""
-    smallest_batch: int
-    """From so many chases on a chase's result does not depend on the batch, bit for bit; fewer are to be padded."""
+    batch_multiple: int
+    """A chase's result does not depend on its batch, bit for bit, where that has a multiple of so many chases: what
+    adds up the products of matrices has other sums for a rest. Other batches are to be padded."""
 
     def begin(self, scenario: Scenario, num_chases: int) -> Float[Tensor, "chase memory"]:
         """What they carry before the first window, with what they are told of the scenario."""

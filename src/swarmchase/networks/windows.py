@@ -57,7 +57,7 @@ class WindowsNetwork(HearingNetworks):
 
     form = "windows"
     memory_features = 0
-    smallest_batch = 1
+    batch_multiple = 1
     own_features = HEAD_FEATURES
     window_features = WINDOW_FEATURES
 
