@@ -1008,9 +1008,10 @@ def test_a_full_disk_does_not_stop_the_chase_and_the_operator_is_told(
         r"cannot write the log: No space left on device; \d+ frames and \d+ transitions, decisions and events are lost",
         alarm["text"],
     )
-    assert [event.text for event in events.newest if "log" in event.text] == [
-        "cannot write the log: No space left on device"
-    ]
+    told = [event.text for event in events.newest if "log" in event.text]
+    assert told.count("cannot write the log: No space left on device") == 1
+    # The other where its thread is given no time to find out.
+    assert set(told) <= {"cannot write the log: No space left on device", "the log loses what is to be recorded"}
     assert result.state == "reached"
 
 
