@@ -21,7 +21,7 @@ from swarmchase.scenario import paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 
-TROUBLE = "frozen=3@12-20,frozen=4@12-20,frozen=5@12-20,silent=2@5-30,forge=60"
+TROUBLE = "frozen=3@12-20,frozen=4@12-20,frozen=5@12-20,silent=2@5-22,forge=60"
 """Three trackers get lost at a time, one receiver falls silent, and somebody forges datagrams."""
 NARROW = SafetyLimits(
     fence_west_m=-12.0,
@@ -138,25 +138,25 @@ def recorded(
 @functools.cache
 def ordinary_chase() -> RecordedChase:
     """Nothing goes wrong, and the target is reached after 24 s."""
-    return recorded(32.0)
+    return recorded(27.0)
 
 
 @functools.cache
 def troubled_chase() -> RecordedChase:
     """Everything goes wrong, the target is outside the fence, and the operator aborts."""
-    return recorded(45.0, {40.0: "abort"}, faults=TROUBLE, limits=NARROW)
+    return recorded(27.0, {26.0: "abort"}, faults=TROUBLE, limits=NARROW)
 
 
 @functools.cache
 def misheard_chase() -> RecordedChase:
     """Tracker 3 hears 20 dB too much, and ``adaptive`` finds out."""
-    return recorded(24.0, with_target=False, controller="adaptive", faults="wrong=3@0")
+    return recorded(4.0, with_target=False, controller="adaptive", faults="wrong=3@0")
 
 
 @functools.cache
 def wordless_chase(controller: str, action_choice: ActionChoice | None = None) -> RecordedChase:
     """The first decisions of a controller that has no belief, with real trackers."""
-    return recorded(20.0, with_target=False, controller=controller, action_choice=action_choice)
+    return recorded(12.0, with_target=False, controller=controller, action_choice=action_choice)
 
 
 @functools.cache

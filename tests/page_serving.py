@@ -2,6 +2,7 @@
 
 import re
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,10 +26,11 @@ def port_of(server: PageServer) -> int:
     return int(found[1])
 
 
-def until(condition: Callable[[], Any]) -> Any:
+def until(condition: Callable[[], Any], patience_s: float = 10.0) -> Any:
     """What the condition gives, as soon as it is true."""
     pause = threading.Event()
-    for _ in range(1000):
+    deadline_s = time.monotonic() + patience_s
+    while time.monotonic() < deadline_s:
         if found := condition():
             return found
         pause.wait(0.01)

@@ -153,13 +153,15 @@ def test_ctrl_c_before_the_command_is_known_ends_it_without_a_word(while_importi
     assert (ran.returncode, ran.stdout, ran.stderr) == (-signal.SIGINT, "", "")
 
 
-def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(tmp_path: Path) -> None:
+def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Four movements: at 0.5, 1.5 and 2.5 s there is a line, at 1 and 2 s there is none."""
     words = "chase --scenario flight --behaviour flee --target-speed-mps 5 --max-movements 4 --controller oracle"
-    ran = run(*words.split(), "--seed", "2", "--json", "--animation", "films/chase.gif", folder=tmp_path)
-    assert ran.returncode == 0, ran.stderr
-    document = json.loads(ran.stdout)
-    opening, *lines = ran.stderr.splitlines()
+    main([*words.split(), "--seed", "2", "--json", "--animation", "films/chase.gif"])
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    opening, *lines = printed.err.splitlines()
     assert opening == (
         "The target is 60 to 300 m away in an unknown direction and flies (flee) at up to 5 m/s. Six trackers fly at "
         "up to 10 m/s and listen on their way: 20 samples a second, a decision every 0.5 s."
@@ -168,10 +170,10 @@ def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(tmp_path: Path) -
     assert [line.split(" s  target ")[0].strip() for line in told] == ["0.5", "1.5", "2.5"]
     assert ["closing" in line for line in told] == [False, True, True]
     for shown in ("Least distance", "Way of the centre", "2.5 s", "target not reached", "6/6"):
-        assert shown in ran.stderr
+        assert shown in printed.err
     assert (document["format"], document["capture_s"]) == (2, 2.5)
-    assert sorted(path.name for path in (tmp_path / "chase-output").iterdir()) == ["chase.json", "chase.png"]
-    with Image.open(tmp_path / "films" / "chase.gif") as film:
+    assert sorted(path.name for path in (folder / "chase-output").iterdir()) == ["chase.json", "chase.png"]
+    with Image.open(folder / "films" / "chase.gif") as film:
         assert film.n_frames == 6  # type: ignore[attr-defined]  # the beginning, the first decision, four movements
         for frame in ImageSequence.Iterator(film):
             low, high = frame.convert("L").getextrema()

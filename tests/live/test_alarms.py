@@ -45,7 +45,7 @@ def test_all_that_the_service_knows_is_an_alarm_while_it_lasts() -> None:
     clipped = r"the safety filter changed movement \d+: centre moved by \S+ m to keep the fence( and the .* altitude)?"
     assert any(re.fullmatch(clipped, text) for text in now)
     assert {"tracker 3 is lost", "all hold: 2 trackers are too few"}.isdisjoint(alarms_at(21.0))
-    assert "tracker 2 is silent" not in alarms_at(31.0)
+    assert "tracker 2 is silent" not in alarms_at(24.0)
 
 
 def test_events_say_what_begins_changes_and_ends_and_when() -> None:

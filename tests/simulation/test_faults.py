@@ -1,10 +1,9 @@
 """What a live chase survives: the whole live system, over its real signed link, on a clock that is made.
 
 Seconds are of that clock, and the same in every run. Undisturbed, the chase of ``Flight`` goes so (its controller is
-``recurrent``, its target 20 m away):
+``recurrent``, its target 10 m away):
 
-    0.05 sampling   1.45 moving   3.65 sampling   5.05 moving   7.25 sampling   8.65 moving   10.35 sampling
-    11.75 moving   13.75 sampling   15.15 reached
+    0.05 sampling   1.45 moving   3.65 sampling   5.05 moving   7.05 sampling   8.45 reached
 """
 
 import itertools
@@ -39,6 +38,7 @@ from swarmchase.live.service.chase_state import ChaseState, Decision, Snapshot, 
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.service import ControllerService
 from swarmchase.live.service.settings import ServiceSettings
+from swarmchase.live.tracker.agent import AgentSettings
 from swarmchase.live.tracker.vehicles import VehicleLimits
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
@@ -51,10 +51,12 @@ IDLE, CONNECTING, SAMPLING, MOVING, PURSUING, HOLDING, REACHED, LOST, ABORTED = 
 NEAR: dict[str, Any] = {
     "sampling_hz": 100,
     "spatial_correlation": 0.9,
-    "start_distance_m": 20,
+    "start_distance_m": 10,
     "max_movements": 12,
 }
-REACHED_S = 15.15
+FARTHER_M = 20
+"""For those that need more than two movements."""
+REACHED_S = 8.45
 """When the undisturbed chase has reached its target."""
 HOLD_S = 1.0
 """After its last set-point a tracker holds."""
@@ -74,6 +76,7 @@ class Flight:
         chase: int = 0,
         settings: ServiceSettings | None = None,
         limits: SafetyLimits | None = None,
+        agent_settings: AgentSettings | None = None,
         **changes: Any,
     ) -> None:
         self.scenario = paper_scenario(**{**NEAR, **changes})
@@ -90,6 +93,7 @@ class Flight:
             self.log.append,
             self.snapshots.append,
             limits,
+            agent_settings=agent_settings,
         )
 
     @property
@@ -200,12 +204,13 @@ def require_same_log(flight: Flight, undisturbed: Flight) -> None:
         ("particle", {}),
         ("particle", {"sampling_hz": 10}),
         ("particle", {"silent_trackers": 1, "missing_sample_share": 0.2}),
-        ("gradient", {"sampling_hz": 50, "max_movements": 6}),
-        ("gradient", {"continuity": "continuous", "max_movements": 6}),
+        ("gradient", {"sampling_hz": 50}),
+        ("gradient", {"continuity": "continuous"}),
     ],
 )
 def test_a_chase_without_faults_is_the_evaluated_one(controller: str, changes: dict[str, Any]) -> None:
     """Movement by movement: actions, windows to 0.002 dB, places to 1 mm."""
+    changes = {"start_distance_m": FARTHER_M, "max_movements": 4, **changes}
     flight = Flight(controller=controller, seed=5, chase=2, **changes)
     flight.run()
     environment, same = Environment(flight.scenario), load_controller(controller, flight.scenario)
@@ -258,12 +263,12 @@ def test_a_link_that_is_down_stops_every_tracker_and_the_chase_goes_on_when_it_h
     assert flight.run().reached
 
 
-@pytest.mark.parametrize("during_s", [2.0, 4.0])
-def test_after_an_outage_windows_and_actions_are_those_of_an_undisturbed_chase(
-    during_s: float, undisturbed: Flight
-) -> None:
-    """While moving and while sampling: nothing that was in flight before it counts after it."""
-    flight = Flight(f"outage={during_s}-{during_s + 3}")
+def test_after_outages_windows_and_actions_are_those_of_an_undisturbed_chase(undisturbed: Flight) -> None:
+    """While moving, and then while sampling: nothing that was in flight before them counts after them."""
+    flight = Flight("outage=2-5,outage=8-11")
+    flight.run_to(8.0)
+    assert flight.state is SAMPLING
+    assert flight.told()[-2][1] == "moving"
     assert flight.run().reached
     assert "holding" in flight.states()
     first, clean = flight.decisions()[0], undisturbed.decisions()[0]
@@ -274,10 +279,11 @@ def test_after_an_outage_windows_and_actions_are_those_of_an_undisturbed_chase(
 
 
 def test_when_the_controller_dies_trackers_hold_and_after_a_minute_return() -> None:
-    """Row "controller dies, link down": returns after a set time. Sixty seconds after the last set-point, the way they
-    came: as slowly, and as far from one another.
+    """Row "controller dies, link down": returns after a set time. Sixty seconds after the last set-point, here twenty,
+    the way they came: as slowly, and as far from one another.
     """
-    flight = Flight(sampling_hz=10)
+    assert AgentSettings().return_after_s == 60
+    flight = Flight(sampling_hz=10, start_distance_m=FARTHER_M, agent_settings=AgentSettings(return_after_s=20.0))
     flight.run_to(8.0)
     homes_m = np.array([[5, 0, 0], [-5, 0, 0], [0, 5, 0], [0, -5, 0], [0, 0, 5], [0, 0, -5]])
     died_s = flight.seconds
@@ -287,10 +293,10 @@ def test_when_the_controller_dies_trackers_hold_and_after_a_minute_return() -> N
     assert max(flight.speeds_mps()) == 0
     stood_m = np.array(flight.chase.site.positions_m())
     assert np.linalg.norm(stood_m - homes_m, axis=1).min() > 1
-    while flight.seconds < died_s + 59.9:
+    while flight.seconds < died_s + 19.9:
         flight.chase.tick_without_service()
     assert np.array_equal(flight.chase.site.positions_m(), stood_m)
-    while flight.seconds < died_s + 60 + died_s + 7:
+    while flight.seconds < died_s + 20 + died_s + 7:
         flight.chase.tick_without_service()
         positions_m = np.array(flight.chase.site.positions_m())
         assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(positions_m, 2)) >= 1.4
@@ -308,7 +314,7 @@ def test_a_silent_tracker_is_marked_after_a_second_and_the_others_go_on() -> Non
 
     From 4 s on, in the middle of a window.
     """
-    flight = Flight("silent=2@4")
+    flight = Flight("silent=2@4", start_distance_m=FARTHER_M)
     flight.run_to(4.0 + 1.0 - STEP_S)
     assert not flight.snapshot.trackers[2].is_silent
     flight.run_to(4.0 + 1.0 + 2 * STEP_S)
@@ -331,7 +337,7 @@ def test_a_silent_tracker_is_marked_after_a_second_and_the_others_go_on() -> Non
 
 def test_with_three_silent_trackers_it_holds_and_goes_on_when_one_is_heard_again() -> None:
     """Row "a tracker is silent": below the minimum of four: hold."""
-    flight = Flight("silent=0@4-9,silent=1@4-20,silent=2@4-20")
+    flight = Flight("silent=0@4-9,silent=1@4-20,silent=2@4-20", start_distance_m=FARTHER_M)
     flight.run_to(9.0)
     assert flight.state is HOLDING
     assert flight.told()[-1][2] == "3 trackers are too few"
@@ -344,42 +350,39 @@ def test_with_three_silent_trackers_it_holds_and_goes_on_when_one_is_heard_again
     assert heard.tolist() == [True, False, False, True, True, True]
 
 
-@pytest.mark.parametrize(
-    ("fault", "what_it_says"),
-    [
-        # What contradicts the others' levels is not heard.
-        ("stuck", lambda levels_dbm: len(set(levels_dbm[np.isfinite(levels_dbm)])) == 1),
-        ("garbage", lambda levels_dbm: 0.25 < np.isnan(levels_dbm).mean() < 0.6 and np.nanmax(levels_dbm) < -20),
-        ("wrong", lambda levels_dbm: np.isfinite(levels_dbm).all()),
-        ("delayed", lambda levels_dbm: 0 < np.isnan(levels_dbm).mean() < 1),
-        ("intermittent", lambda levels_dbm: 0.2 < np.isnan(levels_dbm).mean() < 0.8),
-    ],
-)
-def test_a_receiver_that_fails_does_not_stop_the_chase(fault: str, what_it_says: Callable[[Any], bool]) -> None:
+SAYS: dict[str, Callable[[Any], bool]] = {
+    # What contradicts the others' levels is not heard.
+    "stuck": lambda levels_dbm: len(set(levels_dbm[np.isfinite(levels_dbm)])) == 1,
+    "garbage": lambda levels_dbm: 0.25 < np.isnan(levels_dbm).mean() < 0.6 and np.nanmax(levels_dbm) < -20,
+    "wrong": lambda levels_dbm: np.isfinite(levels_dbm).all(),
+    "delayed": lambda levels_dbm: 0 < np.isnan(levels_dbm).mean() < 1,
+    "intermittent": lambda levels_dbm: 0.2 < np.isnan(levels_dbm).mean() < 0.8,
+}
+
+
+@pytest.mark.parametrize("faults", [{4: "stuck", 1: "intermittent"}, {4: "delayed", 1: "wrong"}, {4: "garbage"}])
+def test_receivers_that_fail_do_not_stop_the_chase(faults: dict[int, str]) -> None:
     """PX4's fault words, from the first movement on. What is no level is never heard."""
-    flight = Flight(f"{fault}=4@1.5", controller="particle")
-    flight.run_to(12.0)
+    words = ",".join(f"{fault}={tracker}@1.5" for tracker, fault in faults.items())
+    flight = Flight(words, controller="particle", start_distance_m=FARTHER_M)
+    flight.run_until(lambda: len(flight.decisions()) == 4)
     assert "holding" not in flight.states()
     levels_dbm = np.array([decision.rssi_dbm for decision in flight.decisions()])
-    assert len(levels_dbm) >= 4
     assert np.isfinite(levels_dbm[0]).all()
-    assert what_it_says(levels_dbm[1:, :, 4])
-    assert np.isfinite(levels_dbm[:, :, [0, 1, 2, 3, 5]]).all()
+    for tracker, fault in faults.items():
+        assert SAYS[fault](levels_dbm[1:, :, tracker]), fault
+    assert np.isfinite(np.delete(levels_dbm, list(faults), axis=2)).all()
 
 
 # Stale, late, duplicated, reordered data
 
 
-@pytest.mark.parametrize(
-    "faults",
-    ["duplicate=0.5", "delay=0.02,reorder=0.3", "delay=0.02,reorder=0.1,duplicate=0.3,replay=0.3"],
-)
-def test_repeated_and_reordered_datagrams_give_the_same_windows(faults: str, undisturbed: Flight) -> None:
+def test_repeated_and_reordered_datagrams_give_the_same_windows(undisturbed: Flight) -> None:
     """Row "stale, late, duplicated, reordered data": any permutation with duplicates gives the same window.
 
     What overtakes makes the overtaken a replay to the link, and no sample is missed: each comes in five datagrams.
     """
-    flight = Flight(faults)
+    flight = Flight("delay=0.02,reorder=0.2,duplicate=0.5,replay=0.3")
     result = flight.run()
     assert result.reached
     assert set(result.rejected) == {"replayed"}
@@ -419,8 +422,8 @@ def test_set_points_that_were_under_way_for_more_than_a_second_are_not_obeyed() 
 @pytest.mark.parametrize("held_s", [2.5, 30.0])
 def test_of_what_is_held_back_from_the_start_nothing_is_decided(held_s: float) -> None:
     """Row "withheld data counts as fresh": every datagram of every tracker comes, in order, so many seconds late."""
-    flight = Flight(f"delay={held_s}")
-    flight.run_to(held_s + 10.0)
+    flight = Flight(f"delay={held_s}", sampling_hz=10)
+    flight.run_to(held_s + 5.0)
     assert flight.state is CONNECTING
     assert not flight.decisions()
     assert flight.modes() == [TrackerMode.HOLDING] * 6
@@ -429,7 +432,7 @@ def test_of_what_is_held_back_from_the_start_nothing_is_decided(held_s: float) -
     assert skews_s == {f"tracker {number}": pytest.approx(-held_s, abs=STEP_S) for number in range(6)}
 
 
-def test_what_a_path_holds_back_in_flight_stops_the_swarm_and_it_goes_on_afterwards(undisturbed: Flight) -> None:
+def test_what_a_path_holds_back_in_flight_stops_the_swarm_and_it_goes_on_afterwards() -> None:
     """Row "withheld data counts as fresh": for five seconds nothing comes, then its older half."""
     flight = Flight()
     flight.run_to(6.0)
@@ -467,7 +470,7 @@ def test_a_bad_radio_link_does_not_keep_the_swarm_from_its_target(
     faults: str, missing_share: float, loss_share: float
 ) -> None:
     """Row "loss, bursts, jitter": the window in every datagram."""
-    flight = Flight(faults)
+    flight = Flight(faults, start_distance_m=FARTHER_M)
     result = flight.run()
     assert result.reached
     missing = [np.isnan(decision.rssi_dbm).mean() for decision in flight.decisions()]
@@ -505,7 +508,7 @@ def test_of_what_a_stranger_sends_nothing_is_accepted(undisturbed: Flight) -> No
     flight = Flight("forge=200")
     result = flight.run()
     require_same_log(flight, undisturbed)
-    assert sum(result.rejected.values()) == round(200 * REACHED_S)
+    assert sum(result.rejected.values()) == pytest.approx(200 * REACHED_S, abs=1)
     kinds = {"malformed", "truncated", "unsigned", "wrong key", "replayed", "giant", "bad checksum"}
     assert kinds <= result.rejected.keys()
     assert min(result.rejected[kind] for kind in kinds) > 20
@@ -597,15 +600,15 @@ FENCE = SafetyLimits(
 def test_a_tracker_that_lies_with_a_valid_key_moves_nobody_beyond_the_limits(lie: str) -> None:
     """Row "valid key, hostile values": checks of what is finite and in range, and the safety filter after them.
 
-    From 4 to 14 s; then it falls silent, and the other five go on.
+    From 2 to 8 s; then it falls silent, and the other five go on.
     """
-    flight = Flight("kill=5@14", limits=FENCE, controller="gradient", max_movements=30)
-    flight.run_to(4.0)
+    flight = Flight("kill=5@8", limits=FENCE, controller="gradient", max_movements=30, start_distance_m=FARTHER_M)
+    flight.run_to(2.0)
     flight.chase.agents[5] = Hostile(flight, LIES[lie])  # type: ignore[call-overload]
     watch = Watch(flight, trackers=range(5))
-    flight.run_to(14.0, watch)
+    flight.run_to(8.0, watch)
     decided = len(flight.decisions())
-    flight.run_to(20.0, watch)
+    flight.run_to(13.0, watch)
     assert len(flight.decisions()) > decided
     assert not flight.states() & {"holding", "reached", "lost"}
     assert watch.set_points > 1000
@@ -686,11 +689,13 @@ def test_whatever_a_controller_wants_nobody_leaves_the_limits(seed: int, faults:
     """Row "geofence, altitude, separation, speed": checked of every set-point, and of where all really are, 40 times a
     second, while a controller without a plan flies against a narrow fence.
     """
-    flight = Flight(faults, controller="random", limits=NARROW, seed=seed, max_movements=100)
+    flight = Flight(
+        faults, controller="random", limits=NARROW, seed=seed, max_movements=100, start_distance_m=FARTHER_M
+    )
     watch = Watch(flight)
-    flight.run_to(25.0, watch)
-    assert watch.set_points > 3000
-    assert sum("centre moved" in decision.changed for decision in flight.decisions()) >= 3
+    flight.run_to(16.0, watch)
+    assert watch.set_points > 1500
+    assert sum("centre moved" in decision.changed for decision in flight.decisions()) >= 2
 
 
 # A pilot takes a vehicle
@@ -730,27 +735,27 @@ def test_what_a_pilot_takes_is_left_alone_and_flies_with_the_others_when_it_is_g
 
 
 class Failing:
-    """``recurrent``, but for what it does at its third decision."""
+    """``recurrent``, but for what it does when it is asked for these times."""
 
     name = "failing"
 
-    def __init__(self, scenario: Scenario, fails: Callable[[Action], Action]) -> None:
+    def __init__(self, scenario: Scenario, fails: dict[int, Callable[[Action], Action]]) -> None:
         self._inner, self._fails = load_controller("recurrent", scenario), fails
-        self._decisions = 0
+        self._asked = 0
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> Any:
         return self._inner.begin(num_chases, seed, first_chase)
 
     def decide(self, observation: Observation, memory: Any) -> tuple[Action, Any]:
-        self._decisions += 1
+        self._asked += 1
         action, memory = self._inner.decide(observation, memory)
-        return (self._fails(action) if self._decisions == 3 else action), memory
+        return self._fails.get(self._asked, lambda action: action)(action), memory
 
 
 def test_while_the_controller_hangs_all_hold() -> None:
     """Row "controller hangs, NaN, deadline missed": the loop itself is the proof of life; hold.
 
-    Its third decision takes three seconds. Trackers hold after one; then the chase goes on as if nothing had been.
+    Its second decision takes three seconds. Trackers hold after one; then the chase goes on as if nothing had been.
     """
     modes: dict[float, list[TrackerMode]] = {}
 
@@ -761,7 +766,7 @@ def test_while_the_controller_hangs_all_hold() -> None:
             modes[round(flight.seconds - began_s, 3)] = flight.modes()
         return action
 
-    flight = Flight(controller=Failing(paper_scenario(**NEAR), hangs))
+    flight = Flight(controller=Failing(paper_scenario(**NEAR), {2: hangs}))
     result = flight.run()
     assert modes[HOLD_S - STEP_S] == [TrackerMode.FOLLOWING] * 6
     assert modes[HOLD_S + TICK_S] == modes[3.0] == [TrackerMode.HOLDING] * 6
@@ -789,26 +794,26 @@ def fails(action: Action) -> Action:
     raise ZeroDivisionError("of course")
 
 
-@pytest.mark.parametrize(
-    ("failure", "reason"),
-    [
-        (fails, "the controller failed: ZeroDivisionError: of course"),
-        (lambda action: Action(action.spacing_m * math.nan, action.displacement_m), "the controller's action is no"),
-        (lambda action: Action(action.spacing_m, action.displacement_m / 0), "the controller's action is no number"),
-    ],
-)
-def test_a_controller_that_fails_holds_the_swarm_for_a_moment(failure: Callable[[Action], Action], reason: str) -> None:
+def test_a_controller_that_fails_holds_the_swarm_for_a_moment() -> None:
     """Row "controller hangs, NaN, deadline missed": the set-points go on, where they are, and a second later it is
-    asked again.
+    asked again. Three times, each before another movement.
     """
-    flight = Flight(controller=Failing(paper_scenario(**NEAR), failure))
-    flight.run_until(lambda: flight.state is HOLDING)
-    assert flight.told()[-1][2].startswith(reason)
-    stood_m = flight.chase.site.positions_m()
-    held_s = flight.run_until(lambda: flight.state is not HOLDING)
-    assert held_s == pytest.approx(ServiceSettings().retry_s, abs=STEP_S)
-    assert flight.modes() == [TrackerMode.FOLLOWING] * 6
-    assert flight.chase.site.positions_m() == stood_m
+    failures: dict[int, tuple[Callable[[Action], Action], str]] = {
+        1: (fails, "the controller failed: ZeroDivisionError: of course"),
+        3: (lambda action: Action(action.spacing_m * math.nan, action.displacement_m), "the controller's action is no"),
+        5: (lambda action: Action(action.spacing_m, action.displacement_m / 0), "the controller's action is no number"),
+    }
+    changes = {**NEAR, "start_distance_m": FARTHER_M}
+    failing = Failing(paper_scenario(**changes), {asked: failure for asked, (failure, _) in failures.items()})
+    flight = Flight(controller=failing, **changes)
+    for _, reason in failures.values():
+        flight.run_until(lambda: flight.state is HOLDING)
+        assert flight.told()[-1][2].startswith(reason)
+        stood_m = flight.chase.site.positions_m()
+        held_s = flight.run_until(lambda: flight.state is not HOLDING)
+        assert held_s == pytest.approx(ServiceSettings().retry_s, abs=STEP_S)
+        assert flight.modes() == [TrackerMode.FOLLOWING] * 6
+        assert flight.chase.site.positions_m() == stood_m
     assert flight.run().reached
 
 
@@ -898,7 +903,7 @@ def test_of_two_controllers_trackers_obey_the_newer(undisturbed: Flight) -> None
             older.step()
     assert older.state is not CONNECTING
     refused = flight.ignored("older epoch")
-    assert refused > 6 * 15 / STEP_S / 2
+    assert refused > 6 * REACHED_S / STEP_S / 2 * 0.9
     require_same_course(flight, undisturbed)
 
 
@@ -916,16 +921,17 @@ def test_clocks_that_are_apart_and_drift_change_nothing(undisturbed: Flight) -> 
     assert flight.states() == undisturbed.states()
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
-def test_steps_of_wall_clocks_change_nothing(step_s: float, undisturbed: Flight) -> None:
-    """Row "clock step, drift": first the controller's steps by an hour, then those of two trackers; then it is back."""
+def test_steps_of_wall_clocks_change_nothing(undisturbed: Flight) -> None:
+    """Row "clock step, drift": by an hour or two, forth and back, of the controller's and of two trackers'."""
     flight = Flight()
-    flight.run_to(3.0)
-    flight.chase.wall_clock.ahead_ns = round(step_s * 1e9)
+    hour_ns = 3600 * 10**9
+    flight.run_to(2.0)
+    flight.chase.wall_clock.ahead_ns = -hour_ns
+    flight.run_to(4.0)
+    flight.chase.wall_clock.ahead_ns = hour_ns
+    for tracker, ahead_ns in ((0, hour_ns), (5, -hour_ns)):
+        flight.chase.tracker_wall_clocks[tracker].ahead_ns = ahead_ns
     flight.run_to(6.0)
-    for tracker in (0, 5):
-        flight.chase.tracker_wall_clocks[tracker].ahead_ns = round(step_s * 1e9)
-    flight.run_to(9.0)
     flight.chase.wall_clock.ahead_ns = 0
     assert flight.run().reached
     require_same_log(flight, undisturbed)
@@ -946,7 +952,7 @@ def test_ten_times_the_traffic_in_forgeries_and_giant_packets_changes_nothing(un
     require_same_log(flight, undisturbed)
     assert len(flight.snapshots) == len(undisturbed.snapshots) == round(REACHED_S / STEP_S)
     assert result.rejected["giant"] > 1000
-    assert sum(result.rejected.values()) == round(1260 * REACHED_S)
+    assert sum(result.rejected.values()) == pytest.approx(1260 * REACHED_S, abs=1)
 
 
 def test_a_flood_beyond_all_bounds_is_cut_to_what_a_step_takes() -> None:
@@ -990,7 +996,7 @@ def test_a_full_disk_does_not_stop_the_chase_and_the_operator_is_told(
         chronicle = Chronicle(flight.chase.link, START_NS, [frames.append, recorder.record_frame], events)
         flight.chase._recorder = lambda entry: (flight.log.append(entry), recorder.record(entry))
         flight.chase._watch = lambda snapshot: (events(snapshot), chronicle(snapshot, None))[0]
-        flight.run_to(8.0)
+        flight.run_to(6.0)
         while recorder.failure is None:  # its thread writes twice a second
             time.sleep(0.01)
         result = flight.run()
@@ -1002,9 +1008,10 @@ def test_a_full_disk_does_not_stop_the_chase_and_the_operator_is_told(
         r"cannot write the log: No space left on device; \d+ frames and \d+ transitions, decisions and events are lost",
         alarm["text"],
     )
-    assert [event.text for event in events.newest if "log" in event.text] == [
-        "cannot write the log: No space left on device"
-    ]
+    told = [event.text for event in events.newest if "log" in event.text]
+    assert told.count("cannot write the log: No space left on device") == 1
+    # The other where its thread is given no time to find out.
+    assert set(told) <= {"cannot write the log: No space left on device", "the log loses what is to be recorded"}
     assert result.state == "reached"
 
 
@@ -1020,9 +1027,9 @@ def test_a_recorder_that_raises_is_an_alarm_too(undisturbed: Flight) -> None:
     chronicle = Chronicle(flight.chase.link, START_NS, [frames.append], events)
     flight.chase._recorder = lambda entry: (flight.log.append(entry), no_space())
     flight.chase._watch = lambda snapshot: (events(snapshot), chronicle(snapshot, None))[0]
-    flight.run_to(8.0)
-    # Three times sampling, twice moving, and two decisions.
-    assert [alarm["text"] for alarm in frames[-1]["alarms"]] == ["another", "7 entries could not be recorded"]
+    flight.run_to(6.0)
+    # Twice sampling, twice moving, and two decisions.
+    assert [alarm["text"] for alarm in frames[-1]["alarms"]] == ["another", "6 entries could not be recorded"]
     flight.run()
     require_same_log(flight, undisturbed)
 

@@ -12,6 +12,7 @@ from swarmchase.controllers import load_controller
 from swarmchase.levels import NoLevel
 from swarmchase.live.link.messages import Metres
 from swarmchase.live.service.chase_state import ChaseState
+from swarmchase.live.tracker.agent import TrackerAgent
 from swarmchase.live.tracker.sources import Sample
 from swarmchase.live.tracker.vehicles import SimulatedVehicle
 from swarmchase.scenario import paper_scenario
@@ -70,25 +71,27 @@ def test_a_wild_level_that_its_transmitter_could_give_is_dropped_and_counted() -
 class Adrift(SimulatedVehicle):
     """Its autopilot has lost its position."""
 
-    bad = math.nan
+    bad_m = math.nan
 
     @property
     def position_m(self) -> Metres:
-        return (self.bad, 0.0, 0.0)
+        return (self.bad_m, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_tracker_that_does_not_know_where_it_is_is_left_behind(bad: float) -> None:
-    """Its autopilot's position becomes no number: that is not said, and to the others it is lost."""
+def test_trackers_that_do_not_know_where_they_are_are_left_behind() -> None:
+    """Their autopilots' positions become no numbers: that is not said, and to the others they are lost."""
     chase = chase_with("")
     while chase.service.snapshot().movements < 2:
         chase.tick()
-    agent = chase.agents[2]
-    assert agent is not None
-    adrift = Adrift(chase.site.vehicles[2].position_m)
-    adrift.bad = bad
-    agent._vehicle = adrift
+    adrift: dict[int, TrackerAgent] = {}
+    for tracker, bad_m in ((2, math.nan), (5, math.inf)):
+        agent = chase.agents[tracker]
+        assert agent is not None
+        vehicle = Adrift(chase.site.vehicles[tracker].position_m)
+        vehicle.bad_m = bad_m
+        agent._vehicle, adrift[tracker] = vehicle, agent
     result = chase.run()
     assert result.state == ChaseState.REACHED.value
-    assert agent.ignored["impossible position"] > 0
-    assert chase.service.snapshot().trackers[2].is_lost
+    for tracker, agent in adrift.items():
+        assert agent.ignored["impossible position"] > 0
+        assert chase.service.snapshot().trackers[tracker].is_lost

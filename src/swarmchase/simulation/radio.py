@@ -62,6 +62,9 @@ class Radio:
         """Of the announced window, until it begins."""
         self._center_m: Tensor | None = None
         self._target_m = draw_start_m(scenario, keys)
+        self._heard_m: Tensor | None = None
+        self._unfaded_dbm = torch.full((NUM_TRACKERS,), math.nan)
+        """At the last places that were heard from: in a window they stay."""
 
     @property
     def target_m(self) -> Metres:
@@ -95,8 +98,10 @@ class Radio:
             self._between_begin_s = self._between_begin_s + self._scenario.window_s
             self._between = self._open(self._between, self._between_begin_s)
         assert self._window_db is not None
-        distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
-        arriving_dbm = self._window_db[:, self._sample] + unfaded_dbm(self._scenario, distance_m)[0].float()
+        if self._heard_m is None or not torch.equal(position_m, self._heard_m):
+            distance_m = (position_m[None] - self._target_m[:, None]).norm(dim=2)
+            self._heard_m, self._unfaded_dbm = position_m, unfaded_dbm(self._scenario, distance_m)[0].float()
+        arriving_dbm = self._window_db[:, self._sample] + self._unfaded_dbm
         # The evaluation's receivers hear nothing between windows; what is heard there must not disturb them.
         if not self._is_between:
             sample_s = self._begin_s[:, None] + self._sample / self._scenario.sampling_hz

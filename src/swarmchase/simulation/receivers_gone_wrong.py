@@ -26,8 +26,9 @@ class FailingReceiver:
         """What it says when this sample was taken."""
         time_ns, rssi_dbm = sample
         self._waiting.append(sample)
-        delay_s = DELAY_S if fault is ReceiverFault.DELAYED else 0.0
-        due = [self._waiting.popleft() for _ in range(self._num_due(time_ns - round(delay_s * 1e9)))]
+        is_late = fault is ReceiverFault.DELAYED
+        num_due = self._num_due(time_ns - round(DELAY_S * 1e9)) if is_late else len(self._waiting)
+        due = [self._waiting.popleft() for _ in range(num_due)]
         is_off = fault is ReceiverFault.INTERMITTENT and time_ns // HALF_SECOND_NS % 2 == 1
         if is_off or fault is ReceiverFault.SILENT:
             return []

@@ -798,7 +798,7 @@ class TwoLogs(list[Transition | Decision]):
 @pytest.mark.parametrize(
     ("name", "changes", "most"),
     [
-        ("gradient", {"sampling_hz": 100}, 60),
+        ("gradient", {"sampling_hz": 100, "start_distance_m": 15.0}, 60),
         ("particle", {"sampling_hz": 100, "silent_trackers": 1, "missing_sample_share": 0.2}, 8),
         ("paper", {"sampling_hz": 100}, 8),
         ("random", {"sampling_hz": 100}, 8),

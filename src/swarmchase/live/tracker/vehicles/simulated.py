@@ -127,6 +127,8 @@ class SimulatedVehicle:
         """Fly until now."""
         passed_s = 0.0 if self._now_ns is None else (now_ns - self._now_ns) / 1e9
         self._now_ns = now_ns
+        if self._stands_still():
+            return
         passed_s = min(passed_s, LONGEST_UPDATE_S)
         steps = math.ceil(passed_s / LONGEST_STEP_S)
         for _ in range(steps):
@@ -134,6 +136,13 @@ class SimulatedVehicle:
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _stands_still(self) -> bool:
+        """Whether nothing moves it: in a chase it does so most of the time."""
+        limits = self._limits
+        if self._velocity_mps != (0.0, 0.0, 0.0) or limits.gusts_mps2 > 0 or limits.position_error_m > 0:
+            return False
+        return self._target_m is None or self._target_m == self._true_position_m
 
     def _fly(self, step_s: float) -> None:
         limits = self._limits
