@@ -14,13 +14,14 @@ from typing import Any, Literal, get_args
 
 from .errors import InputError
 from .files import write_text_atomically
+from .plug_ins import NamesWith
 from .ranges import AT_LEAST_ONE, AT_LEAST_ZERO, FINITE, POSITIVE, SHARE, Range, checked_number, require_choice, shown
 from .reading import Bounds, read_toml
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
 LosPhase = Literal["common", "independent"]
-Continuity = Literal["independent", "continuous", "in_flight"]
+CONTINUITIES = ("independent", "continuous", "in_flight")
 Pace = Literal["stop_and_listen", "listen_in_flight"]
 
 NUM_TRACKERS = 6
@@ -87,12 +88,13 @@ class Scenario:
     los_phase: LosPhase = _constant(  # noqa: RUF009
         "common", get_args(LosPhase), "-", "choice", "Line-of-sight phase: one for all trackers, or one drawn for each."
     )
-    continuity: Continuity = _constant(  # noqa: RUF009
+    continuity: str = _constant(
         "independent",
-        get_args(Continuity),
+        NamesWith(CONTINUITIES, "fading"),
         "-",
         "choice",
-        "Fading from one window to the next: drawn anew, one running process, or one that runs as fast as they fly.",
+        "Fading from one window to the next: drawn anew (independent), one running process (continuous), one that runs "
+        "as fast as they fly (in_flight), or another package's.",
     )
     start_distance_m: float = _constant(
         100.0, POSITIVE, "|O_0 - U|", "Section IV", "Distance of the target at the start."

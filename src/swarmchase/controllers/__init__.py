@@ -12,6 +12,7 @@ from ..networks.forms import FORMS
 from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
 from ..networks.weights import checked_weights, read_weights, shared_weights
 from ..networks.windows import WindowsNetwork
+from ..plug_ins import made_by_plug_in, plug_in_names
 from ..ranges import shown
 from ..scenario import Scenario
 from .adaptive import AdaptiveController
@@ -58,16 +59,18 @@ _UNTRAINED: dict[str, Callable[[Scenario], Controller]] = {
 
 
 def _untrained(name_or_path: str | Path, scenario: Scenario) -> Callable[[Scenario], Controller] | None:
-    """What makes the untrained controller of this name in the scenario's pace; None where there is none."""
+    """What makes the controller of this name in the scenario's pace, if it needs no weights of ours; else None."""
     name = str(name_or_path)
     if scenario.pace == "listen_in_flight" and name in _IN_FLIGHT:
         return _IN_FLIGHT[name]
+    if name not in _UNTRAINED and name not in shipped_families() and name in plug_in_names("controllers"):
+        return partial(made_by_plug_in, "controllers", name, Controller)
     return _UNTRAINED.get(name)
 
 
 def controller_names() -> list[str]:
-    """What ``load_controller`` knows by name."""
-    return [*_UNTRAINED, *shipped_families()]
+    """What ``load_controller`` knows by name, other packages' last."""
+    return list(dict.fromkeys([*_UNTRAINED, *shipped_families(), *plug_in_names("controllers")]))
 
 
 def weights_path(name_or_path: str | Path, scenario: Scenario) -> Path | None:

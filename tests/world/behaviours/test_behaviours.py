@@ -353,7 +353,5 @@ def test_other_packages_can_bring_behaviours():
     assert not load_behaviour(paper_scenario(behaviour="spiral")).is_still
     with pytest.raises(InputError, match=r"^behaviour 'lost' of nowhere:Lost cannot be loaded: No module named"):
         load_behaviour(paper_scenario(behaviour="lost"))
-    with pytest.raises(
-        InputError, match=r"^behaviour 'none' of builtins:slice has not all of begin, fly and is_still$"
-    ):
+    with pytest.raises(InputError, match=r"^behaviour 'none' of builtins:slice has not all of begin, fly, is_still$"):
         load_behaviour(paper_scenario(behaviour="none"))

@@ -2,12 +2,12 @@
 
 import difflib
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import torch
 
 from ...errors import InputError
+from ...plug_ins import made_by_plug_in, plug_in_names
 from ...ranges import shown
 from ...scenario import Scenario
 from .circle import Circle
@@ -23,9 +23,6 @@ from .waypoints import Waypoints
 
 __all__ = ["Behaviour", "Swarm", "Target", "behaviour_names", "load_behaviour"]
 
-PLUG_INS = "swarmchase.behaviours"
-"""The group of entry points in which other packages offer theirs: callables that take a scenario and a device."""
-
 _OWN: dict[str, Callable[[Scenario, torch.device | str], Behaviour]] = {
     "hover": Hover,
     "straight": Straight,
@@ -40,7 +37,7 @@ _OWN: dict[str, Callable[[Scenario, torch.device | str], Behaviour]] = {
 
 def behaviour_names() -> list[str]:
     """What ``load_behaviour`` knows by name, other packages' last."""
-    return list(dict.fromkeys([*_OWN, *sorted(entry_points(group=PLUG_INS).names)]))
+    return list(dict.fromkeys([*_OWN, *plug_in_names("behaviours")]))
 
 
 def load_behaviour(scenario: Scenario, device: torch.device | str = "cpu") -> Behaviour:
@@ -55,13 +52,8 @@ def load_behaviour(scenario: Scenario, device: torch.device | str = "cpu") -> Be
         return _OWN[name](scenario, device)
     if Path(name).suffix.lower() == ".csv":
         return Track(scenario, device)
-    for plug_in in entry_points(group=PLUG_INS, name=name):
-        try:
-            made = plug_in.load()(scenario, device)
-        except (ImportError, AttributeError, TypeError) as error:
-            raise InputError(f"behaviour {shown(name)} of {plug_in.value} cannot be loaded: {error}") from error
-        if not isinstance(made, Behaviour):
-            raise InputError(f"behaviour {shown(name)} of {plug_in.value} has not all of begin, fly and is_still")
+    if name in plug_in_names("behaviours"):
+        made: Behaviour = made_by_plug_in("behaviours", name, Behaviour, scenario, device)
         return made
     near = difflib.get_close_matches(name, behaviour_names(), n=1)
     raise InputError(

@@ -1,8 +1,9 @@
 """From what a person writes to a source of RSSI samples."""
 
+from ....plug_ins import load_plug_in, plug_in_names
 from ...address import kind_and_place
 from . import json_datagrams, json_lines, kismet, pcap, replay, serial_lines, simulated
-from .kind import SourceDetails
+from .kind import SourceDetails, SourceKind
 from .protocol import RssiSource
 
 KINDS = (
@@ -23,5 +24,12 @@ def open_source(text: str, details: SourceDetails) -> RssiSource:
     Raises:
         InputError: there is no such source, or it cannot be opened.
     """
-    kind, place = kind_and_place(text, KINDS, "source")
+    kind, place = kind_and_place(text, [*KINDS, *_others(text)], "source")
     return kind.open(place, details)
+
+
+def _others(text: str) -> list[SourceKind]:
+    """What another package offers under the scheme of this address."""
+    scheme = text.partition(":")[0]
+    names = plug_in_names("sources")
+    return [load_plug_in("sources", scheme, SourceKind)] if scheme in names else []
