@@ -4,8 +4,8 @@
     python docs/table1_training.py --runs FOLDER  # gathers it first
 
 FOLDER holds the folder of each run: ``training.jsonl``, ``best.safetensors`` and every ``resume*.safetensors`` that was
-kept. Their networks are evaluated with greedy actions, on the chases of the training's own evaluations, which takes
-minutes for each; what the table has is not evaluated again.
+kept. Their networks are evaluated with greedy actions, and with sampled ones where the log has no evaluation near, on
+the chases of the training's own evaluations, which takes minutes for each; what the table has is not evaluated again.
 """
 
 import argparse
@@ -47,8 +47,10 @@ SAME_LEARNING = {
 }
 """Settings that make no variant."""
 PERIOD_UPDATES = 5_000
-LEAST_REACHED = 0.9
-"""Networks that reach less with sampled actions are not evaluated with greedy ones: it would take hours."""
+NEAR_UPDATES = 1_000
+"""A sampled evaluation so near stands for the networks that were kept."""
+LEAST_REACHED = 0.1
+"""Networks that reach less with sampled actions are not evaluated with greedy ones."""
 
 
 @dataclass(frozen=True)
@@ -128,17 +130,27 @@ class Run:
         hours = {point.update: point.hours for point in self.sampled()}
         yield _shared(FlatNetworks(networks).vector, configuration["update"]), hours[configuration["update"]]
 
-    def greedy(self, done: list[LearningPoint]) -> Iterator[LearningPoint]:
-        """Evaluations of the networks that were kept, but for those that are done and those that have not learned."""
-        updates = {point.update for point in done if _place(point) == (*_setting(self.scenario), self.variant)}
-        sampled = self.sampled()
+    def of_kept(self, done: list[LearningPoint]) -> Iterator[LearningPoint]:
+        """Evaluations of the networks that were kept, but for those that are done and greedy ones of networks that have
+        not learned."""
+        mine = [point for point in done if _place(point) == (*_setting(self.scenario), self.variant)]
+        sampled = [point for point in mine if point.action_choice == "sampled"]
+        greedy = {point.update for point in mine if point.action_choice == "greedy"}
         for shared, hours in self.kept():
             update = int(shared.updates)
-            nearest = min(sampled, key=lambda point: abs(point.update - update))
-            if update not in updates and nearest.reached >= LEAST_REACHED:
-                updates.add(update)
-                settings = dataclasses.replace(self.settings, action_choice="greedy", initial_weights=None)
-                yield self.point(measured([self.scenario], settings, shared), "greedy", hours)
+            near = [point for point in sampled if abs(point.update - update) <= NEAR_UPDATES]
+            if not near:
+                near = [self.evaluated(shared, "sampled", hours)]
+                sampled += near
+                yield near[0]
+            if update not in greedy and near[0].reached >= LEAST_REACHED:
+                greedy.add(update)
+                yield self.evaluated(shared, "greedy", hours)
+
+    def evaluated(self, shared: SharedParameters, action_choice: str, hours: float | None) -> LearningPoint:
+        """Of these networks, on the chases of the training's evaluations."""
+        settings = dataclasses.replace(self.settings, action_choice=action_choice, initial_weights=None)
+        return self.point(measured([self.scenario], settings, shared), action_choice, hours)
 
 
 def main() -> None:
@@ -158,13 +170,14 @@ def main() -> None:
 def gather(folder: Path, table: Path) -> None:
     """Write what the runs' logs say and what their kept networks do; the table is whole after every evaluation."""
     runs = [run_of(path.parent) for path in sorted(folder.glob(f"*/{BEST_WEIGHTS}"))]
-    logged = [point for run in runs for point in run.sampled() + run.training()]
-    greedy = [point for point in read_points(table) if point.action_choice == "greedy"] if table.exists() else []
-    save(table, logged + greedy)
+    training = [point for run in runs for point in run.training()]
+    known = [point for point in read_points(table) if point.action_choice != "training"] if table.exists() else []
+    evaluations = list(dict.fromkeys([*known, *(point for run in runs for point in run.sampled())]))
+    save(table, evaluations + training)
     for run in runs:
-        for point in run.greedy(greedy):
-            greedy.append(point)
-            save(table, logged + greedy)
+        for point in run.of_kept(evaluations):
+            evaluations.append(point)
+            save(table, evaluations + training)
 
 
 def run_of(folder: Path) -> Run:

@@ -96,4 +96,4 @@ def test_curves_are_gathered_from_logs_and_kept_networks(tmp_path: Path) -> None
     assert training["reached"] == 2 / 3
     shutil.rmtree(folder)  # what is known stays known
     table1_training.gather(tmp_path / "runs", table)
-    assert pq.read_table(table).to_pylist() == by_choice["greedy"]
+    assert pq.read_table(table).to_pylist() == by_choice["greedy"] + by_choice["sampled"]
