@@ -1,7 +1,11 @@
 """What signals ask for: real ones, sent to this process."""
 
+import importlib
 import signal
+import sys
 import threading
+import time
+from pathlib import Path
 
 import pytest
 
@@ -115,3 +119,19 @@ def test_another_thread_may_ask_though_no_signal_comes_there() -> None:
     thread.start()
     thread.join()
     assert made == [False]
+
+
+def test_an_import_is_let_finish_before_the_work_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is raised in the midst of one leaves half a module behind, upon which others fail in their own way."""
+    (tmp_path / "half_made.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(0.05)\nWHOLE = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(Interrupted) as interrupted, stopped_at_once():
+        assert importlib.import_module("half_made").WHOLE
+        while True:
+            time.sleep(0.01)
+    assert interrupted.value.number == signal.SIGINT
+    assert sys.modules["half_made"].WHOLE

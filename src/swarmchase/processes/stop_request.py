@@ -5,6 +5,7 @@ A signal that was ignored when the process began stays so: SIGHUP under ``nohup`
 """
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -14,6 +15,11 @@ STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SI
 
 STOPPED_CODES = {0, *(-number for number in STOP_SIGNALS), *(128 + number for number in STOP_SIGNALS)}
 """Exit codes of a process that was told to stop: well, before it could hear it, and before it had any result."""
+
+
+AGAIN_S = 0.02
+"""A signal that comes during an import is heard so much later, and again so much."""
+IMPORT_SYSTEM = "<frozen importlib._bootstrap>"
 
 
 class Interrupted(KeyboardInterrupt):
@@ -44,10 +50,15 @@ class StopRequest:
             self.made, self.number = True, number
         self._interrupts += number == signal.SIGINT
 
+    def raises(self, number: int) -> bool:
+        """Whether such a signal would be ``Interrupted`` now: a second SIGINT."""
+        return number == signal.SIGINT and self._interrupts > 0
+
     def hear(self, number: int) -> None:
-        """The same; a second SIGINT is ``Interrupted``."""
+        """Note it, or be ``Interrupted``."""
+        raises = self.raises(number)
         self.note(number)
-        if number == signal.SIGINT and self._interrupts > 1:
+        if raises:
             raise Interrupted(number)
 
     def go_on_from(self, before: "StopRequest") -> None:
@@ -58,11 +69,8 @@ class StopRequest:
 class _StopAtOnce(StopRequest):
     """For work without a loop that looks at the request."""
 
-    def hear(self, number: int) -> None:
-        is_first = not self.made
-        super().hear(number)
-        if is_first:
-            raise Interrupted(number)
+    def raises(self, number: int) -> bool:
+        return not self.made or super().raises(number)
 
 
 _listening: list[StopRequest] = []
@@ -130,8 +138,23 @@ def _heard_by(request: StopRequest) -> Iterator[None]:
         _listening.remove(request)
 
 
-def _hear(number: int, _frame: FrameType | None) -> None:
+def _hear(number: int, frame: FrameType | None) -> None:
     *around, innermost = _listening
+    if innermost.raises(number) and _is_importing(frame):
+        # What is raised in the midst of an import leaves half a module behind, and what comes upon that fails in its
+        # own way: the signal comes again.
+        again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+        again.daemon = True
+        again.start()
+        return
     for request in around:
         request.note(number)
     innermost.hear(number)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename == IMPORT_SYSTEM:
+            return True
+        frame = frame.f_back
+    return False
