@@ -56,7 +56,7 @@ export function bearing(degrees) {
 
 // States after which nothing is commanded any more.
 export function hasEnded(frame) {
-  return ["reached", "lost", "aborted"].includes(frame.state);
+  return frame.ended_s !== null || ["reached", "aborted"].includes(frame.state);
 }
 
 // What severity looks like without its colour; the word is for those who do not see the sign.
