@@ -1,6 +1,6 @@
 // The flight from above, north up: who is where, where the target is believed to be, and how far that is.
 
-import { TRACKER_SIDES, bearing, number, staleness } from "./format.js";
+import { TRACKER_SIDES, bearing, easedShare, number, staleness } from "./format.js";
 import { onThemeChange, themeColor, trackerColor } from "./theme.js";
 
 const ROUND = [1, 2, 5];
@@ -18,7 +18,6 @@ const ARROW_S = 4;
 const TRACKER_PX = 5;
 const LEAST_SPACING_WITH_NAMES_PX = 16;
 const ELLIPSE_POINTS = 48;
-const EASING = 0.2;
 const STILL = 0.003;
 
 export class MapView {
@@ -30,8 +29,7 @@ export class MapView {
     this.isCloseUp = false;
     this.goal = { east: 0, north: 0, half: 60 };
     this.now = null;
-    const reduced = window.matchMedia("(prefers-reduced-motion: reduce)");
-    this.easing = () => (reduced.matches ? 1 : EASING);
+    this.stepMs = performance.now();
     onThemeChange(() => this.request());
     new ResizeObserver(() => this.request()).observe(container);
   }
@@ -73,10 +71,13 @@ export class MapView {
 
   // Nearer to the goal; returns whether there is still some way to go.
   step() {
+    const nowMs = performance.now();
+    const easing = easedShare(nowMs - this.stepMs);
+    this.stepMs = nowMs;
     if (!this.now) return false;
     let left = 0;
     for (const what of ["east", "north", "half"]) {
-      this.now[what] += (this.goal[what] - this.now[what]) * this.easing();
+      this.now[what] += (this.goal[what] - this.now[what]) * easing;
       left = Math.max(left, Math.abs(this.goal[what] - this.now[what]));
     }
     return left > STILL * this.goal.half;
