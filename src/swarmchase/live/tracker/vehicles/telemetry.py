@@ -42,13 +42,13 @@ class Wish:
     def is_due(self, now_ns: int) -> bool:
         """Whether it is to be asked for now."""
         if self._due_ns is None:
-            self._due_ns = now_ns + round(self.wanted.over_s * 1e9)
+            self._due_ns = now_ns + round(RATE_OVER_S * 1e9)
         if self._is_often(now_ns):
             self._pause_s = FIRST_PAUSE_S
             return False
         if now_ns < self._due_ns:
             return False
-        self._due_ns = now_ns + round(self._pause_s * 1e9)
+        self._due_ns = now_ns + round(max(self._pause_s, self.wanted.over_s) * 1e9)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
         return True
 
