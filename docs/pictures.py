@@ -12,6 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from PIL import Image
+
 PICTURE, FLIGHT_PICTURE = (Path(__file__).parent / name for name in ("live-page.png", "live-flight.png"))
 FLIGHT = ["--scenario", "flight", "--behaviour", "flee", "--target-speed-mps", "5", "--seed", "3"]
 CHASE = ["--sampling-hz", "100", "--spatial-correlation", "0.5", "--seed", "1", "--controller", "particle"]
@@ -20,6 +22,7 @@ TROUBLE = "loss=0.03,silent=3@12,forge=20"
 CHROMIUM = ["--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 STEPPING, IN_FLIGHT = 12, 50
 """Movements after which the pictures are taken."""
+COLORS = 256
 LOOK_MS = 200
 SETTLED_MS = 1500
 """The camera has come to rest."""
@@ -70,6 +73,10 @@ def take_picture(address: str, out: Path, movements: int, size: tuple[int, int])
         page.wait_for_timeout(SETTLED_MS)
         page.screenshot(path=out)
         browser.close()
+    # A third of its size: a palette of what is in it.
+    with Image.open(out) as picture:
+        few = picture.convert("RGB").quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        few.save(out, optimize=True)
 
 
 if __name__ == "__main__":
