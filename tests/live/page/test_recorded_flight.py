@@ -1,5 +1,6 @@
 """A flight that the real service has flown: in its frames, on the page in a real browser, and drawn by the command."""
 
+import dataclasses
 import io
 import math
 import re
@@ -14,13 +15,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from page_frames import FLIGHT, RecordedChase, flown_chase
-from page_serving import served
+from page_frames import FLIGHT, RecordedChase, ShownChase, flown_chase
+from page_serving import served, until
 from swarmchase.commands.replay import ReplayCommand
 from swarmchase.errors import InputError
+from swarmchase.live.chronicle import TRACK_S
 from swarmchase.live.frame import Frame
 from swarmchase.live.log.recorder import ChaseRecorder
 from swarmchase.live.page.feed import Feed
+from swarmchase.simulation.site import site_limits
 
 CHROMIUM = shutil.which("chromium")
 SOFTWARE = ["--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -28,6 +31,7 @@ PHONE, SMALL, LARGE = (390, 844), (1280, 800), (1920, 1080)
 PURSUED_S, AFTER_S = 3.0, 8.8
 """While it flies, and after the target was reached."""
 PATIENCE_MS = 60_000
+SECOND_NS = 10**9
 SETTLED_MS = 800
 """Views have come to rest."""
 
@@ -64,7 +68,7 @@ def page(flight: RecordedChase) -> Iterator[Any]:
 
 def go_to(page: Any, time_s: float) -> None:
     page.locator("#slider").fill(f"{time_s:g}")
-    page.wait_for_function(f"Math.abs(document.body.dataset.timeS - {time_s}) < 0.11")
+    until(lambda: abs(float(page.evaluate("document.body.dataset.timeS")) - time_s) < 0.11)
 
 
 # Its frames
@@ -85,6 +89,21 @@ def test_a_frame_tells_the_last_minute_of_the_belief(flight: RecordedChase) -> N
     last = flight.frames[-1]
     assert last["share_within"] is not None
     assert last["share_within"] > 0.4 > track["share_within"][0] == 0.0  # type: ignore[operator]
+
+
+def test_what_was_more_than_a_minute_ago_is_not_told() -> None:
+    """The snapshot of a flight, dated again and again half a second later."""
+    frames: list[Frame] = []
+    shown = ShownChase(frames.append, scenario=FLIGHT, limits=site_limits(FLIGHT))
+    while shown.chase.service.snapshot().movements == 0:
+        shown.chase.tick()
+    snapshot = shown.chase.service.snapshot()
+    for number in range(1, 200):
+        later_ns = snapshot.time_ns + number * SECOND_NS // 2
+        shown._chronicle(dataclasses.replace(snapshot, time_ns=later_ns, movements=number + 1), None)
+    last = frames[-1]
+    assert len(last["path_m"]) == len(last["track"]["time_s"]) == 121
+    assert last["track"]["time_s"][-1] - last["track"]["time_s"][0] == pytest.approx(TRACK_S)
 
 
 def test_the_region_holds_the_points_of_the_belief(flight: RecordedChase) -> None:
@@ -143,7 +162,7 @@ def test_the_page_shows_a_flight(page: Any) -> None:
     assert page.locator("#decision-panel").is_hidden()
     assert not re.search("NaN|undefined|null|Infinity", page.inner_text("body"))
     go_to(page, AFTER_S)
-    assert page.inner_text("#result-title") == "Target reached"
+    until(lambda: page.locator("#result-title").text_content() == "Target reached")
     assert int(page.inner_text("#pursuit-within").split()[0]) > 40
 
 
@@ -151,7 +170,7 @@ def test_the_page_shows_a_flight(page: Any) -> None:
 def test_nothing_is_cut_or_covered(page: Any, size: tuple[int, int]) -> None:
     go_to(page, PURSUED_S)
     page.set_viewport_size({"width": size[0], "height": size[1]})
-    page.wait_for_function(f"document.documentElement.scrollWidth === {size[0]}")
+    until(lambda: page.evaluate("document.documentElement.scrollWidth") == size[0])
     boxes = [page.locator(part).bounding_box() for part in ("#scene", "#map", "#trackers", "#traces", "#pursuit-panel")]
     for index, one in enumerate(boxes):
         assert one["x"] >= 0
@@ -200,9 +219,9 @@ def test_the_way_from_event_to_event(page: Any, flight: RecordedChase) -> None:
         page.locator("#event-after").press("Enter")
         seen.append(float(page.locator("#slider").input_value()))
     assert seen == pytest.approx([time_s for time_s in times_s if time_s > 0.56], abs=0.051)
-    page.wait_for_function("document.getElementById('result-title').textContent === 'Target reached'")
+    until(lambda: page.locator("#result-title").text_content() == "Target reached")
     page.locator("#event-before").click()
-    page.wait_for_function("document.getElementById('state-name').textContent === 'pursuing'")
+    until(lambda: page.locator("#state-name").text_content() == "pursuing")
 
 
 # Drawn

@@ -25,7 +25,7 @@ const GRID_STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 // Where a picture takes longer, the rest of the page gets as much time as it takes.
 const SLOW_MS = 50;
-const REST_SHARE = 1;
+const LONGEST_REST_MS = 150;
 
 export class Scene {
   // Throws where the browser has no WebGL.
@@ -198,6 +198,7 @@ export class Scene {
     const { clientWidth: width, clientHeight: height } = this.container;
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
+    this.restsUntilMs = 0; // that has emptied the picture
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.request();
@@ -215,7 +216,7 @@ export class Scene {
       // Without a graphics chip a picture takes long, and the next moment comes only when it is done.
       requestAnimationFrame(() => {
         const nowMs = performance.now();
-        if (nowMs - beganMs > SLOW_MS) this.restsUntilMs = nowMs + REST_SHARE * (nowMs - beganMs);
+        if (nowMs - beganMs > SLOW_MS) this.restsUntilMs = nowMs + Math.min(nowMs - beganMs, LONGEST_REST_MS);
       });
     });
   }
