@@ -17,8 +17,9 @@ from swarmchase.live.log.entries import LogHead
 from swarmchase.live.page.info import page_info
 from swarmchase.live.service.chase_state import Decision, Snapshot, Transition
 from swarmchase.live.service.safety import SafetyLimits
-from swarmchase.scenario import paper_scenario
+from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.site import site_limits
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 
 TROUBLE = "frozen=3@12-20,frozen=4@12-20,frozen=5@12-20,silent=2@5-22,forge=60"
@@ -37,11 +38,17 @@ NARROW = SafetyLimits(
 SCENARIO = paper_scenario(sampling_hz=100, spatial_correlation=0.5, start_distance_m=25.0)
 
 
-def head_for(controller: str, limits: SafetyLimits) -> LogHead:
+FLIGHT = Scenario.from_dict(
+    load_scenario("flight").to_dict()
+    | {"behaviour": "straight", "target_speed_mps": 3.0, "start_distance_m": 15.0, "farthest_start_m": 20.0}
+)
+
+
+def head_for(controller: str, limits: SafetyLimits, scenario: Scenario = SCENARIO) -> LogHead:
     """Of chase 0 of seed 3."""
-    weights = weights_sha256(controller, SCENARIO)
+    weights = weights_sha256(controller, scenario)
     began = datetime(2033, 5, 18, tzinfo=UTC)
-    return LogHead("0.3.0", controller, weights, SCENARIO, 3, 0, 1, limits, began, START_NS)
+    return LogHead("0.3.0", controller, weights, scenario, 3, 0, 1, limits, began, START_NS)
 
 
 class ShownChase:
@@ -55,8 +62,9 @@ class ShownChase:
         limits: SafetyLimits | None = None,
         starts: bool = True,
         action_choice: ActionChoice | None = None,
+        scenario: Scenario = SCENARIO,
     ) -> None:
-        scenario, limits = SCENARIO, limits or SafetyLimits()
+        limits = limits or SafetyLimits()
         self.amend: Callable[[Snapshot], Snapshot] = lambda snapshot: snapshot
         """What stands in for a part of the service that this test is not about."""
         self.entries: list[Transition | Decision | Event] = []
@@ -69,11 +77,10 @@ class ShownChase:
             limits=limits,
             starts=False,
         )
-        self.head = head_for(controller, limits)
+        self.head = head_for(controller, limits, scenario)
         link_news = LinkNews(chase.link, lambda: chase.clock.now_ns() / 1e9)
         self.events = Events(Alarms(chase.link), [self.entries.append], link_news.lines)
-        target_m = chase.site.radio.target_m
-        self._chronicle = Chronicle(chase.link, START_NS, [take], self.events, lambda: target_m)
+        self._chronicle = Chronicle(chase.link, START_NS, [take], self.events, lambda: chase.site.radio.target_m)
         chase._recorder = self._record
         chase._watch = lambda _snapshot: self._watch()
         if starts:
@@ -151,6 +158,12 @@ def troubled_chase() -> RecordedChase:
 def misheard_chase() -> RecordedChase:
     """Tracker 3 hears 20 dB too much, and ``adaptive`` finds out."""
     return recorded(4.0, with_target=False, controller="adaptive", faults="wrong=3@0")
+
+
+@functools.cache
+def flown_chase() -> RecordedChase:
+    """A target that flies past is heard in flight, one receiver falls silent, and the target is reached after 7.4 s."""
+    return recorded(9.0, scenario=FLIGHT, limits=site_limits(FLIGHT), faults="silent=2@1-3")
 
 
 @functools.cache

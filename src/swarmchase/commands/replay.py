@@ -1,4 +1,4 @@
-"""``swarmchase replay``: a recorded chase on the page, asked again, or as JSON."""
+"""``swarmchase replay``: a recorded chase on the page, asked again, drawn, or as JSON."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ MOST_ROWS = 20
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayCommand:
-    """Show a recorded chase on a page, until Ctrl-C. With --verify or --json there is no page."""
+    """Show a recorded chase on a page, until Ctrl-C. With --verify, --report or --json there is no page."""
 
     file: Positional[Path]
     """The log: an .mcap file of swarmchase serve; one that was cut short will do."""
@@ -32,6 +32,9 @@ class ReplayCommand:
     verify: bool = False
     """Ask the recorded controller again what it was asked, and compare the actions bit for bit. Exit code 1 if any is
     another one."""
+    report: bool = False
+    """Draw the chase beside the log, with the ending .png: both ways from above, distances and states over time, and
+    what has happened."""
     json: bool = False
     """Print what the log holds as one JSON object on standard output."""
 
@@ -45,12 +48,32 @@ class ReplayCommand:
         verification = verify(recording) if self.verify else None
         if verification is not None:
             _tell_verification(verification)
+        if self.report:
+            self._draw(recording)
         if self.json:
             print_json(_contents(recording, verification))
-        if verification is None and not self.json:
+        if verification is None and not self.json and not self.report:
             self._show(recording)
         elif verification is not None and not verification.is_same:
             sys.exit(1)
+
+    def _draw(self, recording: "Recording") -> None:
+        from ..reports.recorded_chase import RecordedEvent, draw_recorded_chase
+
+        head, path = recording.head, self.file.with_suffix(".png")
+        events = [
+            RecordedEvent((event.time_ns - head.began_ns) / 1e9, event.severity.value, event.text)
+            for event in recording.events
+        ]
+        title = (
+            f"Chase {head.chase} of seed {head.seed} by {Path(head.controller).name}, "
+            f"{head.started_at:%Y-%m-%d %H:%M:%S} UTC: {recording.state.value} after {recording.seconds:.1f} s"
+        )
+        try:
+            draw_recorded_chase(recording.frames(), events, title, head.scenario.success_radius_m, path)
+        except ValueError:
+            raise InputError(f"in the log {self.file} there is nothing to draw: the swarm has no place in it") from None
+        _tell(f"The drawing is {path}.")
 
     def _show(self, recording: "Recording") -> None:
         """The page is there at once; a long log takes some seconds to be all there."""

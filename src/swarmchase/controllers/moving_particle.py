@@ -140,12 +140,13 @@ class MovingParticleController:
         return belief_of_particles(memory.position_m)
 
     def explain(self, observation: Observation, memory: MovingParticleMemory) -> Explanation:
-        """Some of the particles, and what each choice is worth to all of them."""
+        """Some of the particles, what each choice is worth to all of them, and how fast they are."""
         chosen = torch.arange(MOST_POINTS) * NUM_PARTICLES // MOST_POINTS
         target_m = memory.position_m[0][:, chosen].T.contiguous()
         left_m = memory.position_m[0] - center_m(observation)[0].float()[:, None]
         even = torch.full((NUM_PARTICLES,), 1 / NUM_PARTICLES)
-        return Explanation(share_of_savings(self._scenario, left_m, even), target_m)
+        velocity_mps = memory.velocity_mps[0].double().mean(dim=1)
+        return Explanation(share_of_savings(self._scenario, left_m, even), target_m, velocity_mps=velocity_mps)
 
     def _moved(
         self, memory: MovingParticleMemory, observation: Observation

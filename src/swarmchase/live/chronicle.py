@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from .events import Events
-from .frame import Frame, frame_of
+from .frame import Frame, TrackPoint, frame_of, track_point
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Metres
 from .service.chase_state import ENDED, Snapshot
@@ -13,6 +13,8 @@ from .ticker import next_moment_ns
 FRAMES_HZ = 10.0
 LONGEST_PATH = 500
 """Movements that a frame has the centres of: all of a chase in the paper, and the newest of an endless one."""
+TRACK_S = 60.0
+"""In flight a frame tells of so long."""
 
 FrameTaker = Callable[[Frame], None]
 """Never blocks and never raises."""
@@ -39,6 +41,9 @@ class Chronicle:
         self._events, self._target_m = events, target_m
         self._ended_ns: int | None = None
         self._path_m: deque[Metres] = deque(maxlen=LONGEST_PATH + 1)
+        self._moved_ns: deque[int] = deque(maxlen=LONGEST_PATH + 1)
+        """When they were there."""
+        self._track: deque[TrackPoint] = deque()
         self._movements = -1
         self._shown_ns = began_ns
         self._shown: Snapshot | None = None
@@ -50,6 +55,8 @@ class Chronicle:
         if snapshot.center_m is not None and snapshot.movements > self._movements:
             self._movements = snapshot.movements
             self._path_m.append(snapshot.center_m)
+            self._moved_ns.append(snapshot.time_ns)
+            self._note_flight(snapshot)
         self._note_end(snapshot)
         if not self._is_due(snapshot):
             return
@@ -64,9 +71,22 @@ class Chronicle:
             self._events,
             self._ended_ns,
             self._target_m(),
+            self._track,
         )
         for take in self._takers:
             take(frame)
+
+    def _note_flight(self, snapshot: Snapshot) -> None:
+        """Of a target that flies what it did more than a minute ago tells nothing."""
+        if snapshot.last_decision is None or snapshot.last_decision.time_s is None:
+            return
+        self._track.append(track_point(snapshot))
+        oldest_ns = snapshot.time_ns - round(TRACK_S * 1e9)
+        while self._track[0].time_ns < oldest_ns:
+            self._track.popleft()
+        while self._moved_ns[0] < oldest_ns:
+            self._moved_ns.popleft()
+            self._path_m.popleft()
 
     def _note_end(self, snapshot: Snapshot) -> None:
         has_ended = snapshot.state in ENDED

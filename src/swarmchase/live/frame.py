@@ -6,6 +6,7 @@ All metres are of the shared frame, x east, y north, z up. What is not known is 
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
@@ -14,7 +15,8 @@ from ..controllers.explanation import Explanation, FoundChannel
 from .alarms import Alarm, condition_of, severity_of
 from .estimate import EstimateFrame, estimate_of
 from .events import Event, Events
-from .link.messages import Metres
+from .interception import InterceptionFrame, flown_mps, interception
+from .link.messages import Health, Metres
 from .service.chase_state import Decision, PreflightCheck, Snapshot, TrackerSnapshot
 from .service.sample_window import Points
 
@@ -43,6 +45,15 @@ class NoticeFrame(TypedDict):
 
     severity: str
     text: str
+
+
+class HealthFrame(TypedDict):
+    """What a tracker's autopilot says: ``Health``. What it does not say is null."""
+
+    battery_percent: int | None
+    gps_fix: int | None
+    satellites: int | None
+    heading_deg: float | None
 
 
 class PreflightFrame(TypedDict):
@@ -85,6 +96,8 @@ class TrackerFrame(TypedDict):
     """What its autopilot and its agent said last."""
     dropped: dict[str, int]
     """Samples that were no levels, by reason."""
+    health: HealthFrame | None
+    """Null where its autopilot says nothing, or it has none."""
 
 
 class DecisionFrame(TypedDict):
@@ -115,6 +128,19 @@ class ChannelFrame(TypedDict):
     """0 where there is none."""
 
 
+class TrackFrame(TypedDict):
+    """What was believed after each decision of the last minute, oldest first, in columns: only in flight."""
+
+    time_s: list[float]
+    """Since the service was started."""
+    target_m: list[list[float] | None]
+    """The estimate; null where the controller did not say so."""
+    radius_m: list[float | None]
+    """Of the estimate."""
+    share_within: list[float | None]
+    """Of the belief, within the success radius of the centre; null where that is not judged."""
+
+
 class Frame(TypedDict):
     """The chase at one moment."""
 
@@ -122,14 +148,15 @@ class Frame(TypedDict):
     """Since the service was started."""
     epoch: int
     state: str
-    """idle, connecting, sampling, moving, pursuing, holding, reached, lost, aborted."""
+    """Of ``ChaseState``."""
     reason: str
     """Of the last transition."""
     movements: int
     center_m: list[float] | None
     spacing_m: float | None
     path_m: list[list[float]]
-    """The centres of the formation from the first on, one a movement; of very many the newest."""
+    """The centres of the formation from the first on, one a movement; of very many the newest, in flight those of the
+    last minute."""
     trackers: list[TrackerFrame]
     """Six."""
     decision: DecisionFrame | None
@@ -153,6 +180,27 @@ class Frame(TypedDict):
     """When the chase was reached, lost or aborted, since the service was started."""
     preflight: list[PreflightFrame]
     """What was looked at before the start."""
+    interception: InterceptionFrame | None
+    """Null where the trackers stop to listen, or the controller does not say how fast the target is."""
+    share_within: float | None
+    """Of the belief, within the success radius of the centre at the last decision; null where that is not judged."""
+    track: TrackFrame
+    """Empty where the trackers stop to listen."""
+
+
+@dataclass(frozen=True)
+class TrackPoint:
+    """What was believed after one decision."""
+
+    time_ns: int
+    estimate: EstimateFrame | None
+    share_within: float | None
+
+
+def track_point(snapshot: Snapshot) -> TrackPoint:
+    """Of this moment."""
+    belief_m = _belief_m(snapshot.explanation, snapshot.origin_m)
+    return TrackPoint(snapshot.time_ns, estimate_of(belief_m, snapshot.center_m), snapshot.share_within)
 
 
 def frame_of(
@@ -165,10 +213,12 @@ def frame_of(
     events: Events,
     ended_ns: int | None = None,
     target_m: Metres | None = None,
+    track: Iterable[TrackPoint] = (),
 ) -> Frame:
     """The frame of this snapshot, of which ``events`` has been told."""
     explanation = snapshot.explanation
     belief_m = _belief_m(explanation, snapshot.origin_m)
+    estimate = estimate_of(belief_m, snapshot.center_m, _velocity_mps(explanation))
     return Frame(
         time_s=_seconds(snapshot.time_ns, began_ns),
         epoch=snapshot.epoch,
@@ -186,11 +236,39 @@ def frame_of(
         decision_latency_ms=None if decision_latency_s is None else round(1000 * decision_latency_s, 3),
         alarms=[_alarm(alarm) for alarm in events.alarms],
         events=[_event(event, began_ns) for event in events.newest],
-        estimate=estimate_of(belief_m, snapshot.center_m),
+        estimate=estimate,
         channel=None if explanation is None or explanation.found is None else _channel(explanation.found),
         ended_s=None if ended_ns is None else _seconds(ended_ns, began_ns),
         preflight=[_check(check) for check in snapshot.preflight],
+        interception=_interception(snapshot, estimate),
+        share_within=_share(snapshot.share_within),
+        track=_track(track, began_ns),
     )
+
+
+def _track(points: Iterable[TrackPoint], began_ns: int) -> TrackFrame:
+    points = list(points)
+    return TrackFrame(
+        time_s=[round((point.time_ns - began_ns) / 1e9, 1) for point in points],
+        target_m=[None if point.estimate is None else point.estimate["position_m"] for point in points],
+        radius_m=[None if point.estimate is None else point.estimate["radius_m"] for point in points],
+        share_within=[_share(point.share_within) for point in points],
+    )
+
+
+def _share(share: float | None) -> float | None:
+    return None if share is None else round(share, 3)
+
+
+def _interception(snapshot: Snapshot, estimate: EstimateFrame | None) -> InterceptionFrame | None:
+    decision = snapshot.last_decision
+    if estimate is None or estimate["velocity_mps"] is None or decision is None or snapshot.origin_m is None:
+        return None
+    swarm_mps = flown_mps(decision)
+    if swarm_mps is None:
+        return None
+    center_m = np.mean(decision.tracker_position_m[-1], axis=0) + snapshot.origin_m
+    return interception(center_m, swarm_mps, np.array(estimate["position_m"]), np.array(estimate["velocity_mps"]))
 
 
 def _tracker(tracker: TrackerSnapshot, loss_share: float | None) -> TrackerFrame:
@@ -209,6 +287,16 @@ def _tracker(tracker: TrackerSnapshot, loss_share: float | None) -> TrackerFrame
         left_out=tracker.left_out,
         notices=[NoticeFrame(severity=severity_of(one).value, text=one.text) for one in tracker.notices],
         dropped=dict(tracker.dropped),
+        health=None if tracker.health is None else _health(tracker.health),
+    )
+
+
+def _health(health: Health) -> HealthFrame:
+    return HealthFrame(
+        battery_percent=health.battery_percent,
+        gps_fix=health.gps_fix,
+        satellites=health.satellites,
+        heading_deg=health.heading_deg,
     )
 
 
@@ -251,6 +339,13 @@ def _belief_m(explanation: Explanation | None, origin_m: Metres | None) -> Point
     if explanation is None or explanation.target_m is None or origin_m is None:
         return None
     return np.asarray(explanation.target_m.double().numpy() + origin_m)
+
+
+def _velocity_mps(explanation: Explanation | None) -> Metres | None:
+    if explanation is None or explanation.velocity_mps is None:
+        return None
+    east_mps, north_mps, up_mps = explanation.velocity_mps.tolist()
+    return east_mps, north_mps, up_mps
 
 
 def _seconds(time_ns: int, began_ns: int) -> float:

@@ -112,7 +112,7 @@ class _Scene:
     def __init__(self, figure: Figure, log: dict[str, Any], paths: FlightPaths) -> None:
         self._log, self._paths = log, paths
         plan_axes, height_axes = figure.subplots(2, 1, height_ratios=(3.2, 1))
-        set_view(plan_axes, paths, height_share=0.95)
+        set_view(plan_axes, paths.from_above_m, height_share=0.95)
         plan_axes.legend(
             handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle()],
             loc="lower center",

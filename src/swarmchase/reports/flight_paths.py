@@ -23,6 +23,11 @@ class FlightPaths:
         return len(self.clock)
 
     @property
+    def from_above_m(self) -> NDArray[np.float64]:
+        """[place, 2]: all places of both."""
+        return np.concatenate([self.center_m, self.target_m])[:, :2]
+
+    @property
     def distance_m(self) -> NDArray[np.float64]:
         """[moment], between the two."""
         return np.asarray(np.linalg.norm(self.center_m - self.target_m, axis=1), dtype=np.float64)

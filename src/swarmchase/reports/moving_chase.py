@@ -82,7 +82,7 @@ def _title_lines(log: dict[str, Any]) -> list[str]:
 
 
 def _draw_plan(axes: Axes, paths: FlightPaths) -> None:
-    set_view(axes, paths, PLAN_HEIGHT_SHARE)
+    set_view(axes, paths.from_above_m, PLAN_HEIGHT_SHARE)
     every_s = _mark_every_s(paths.clock[-1])
     mark_s = np.arange(every_s, paths.clock[-1], every_s)
     apart_m = MARK_APART_SHARE * (axes.get_xlim()[1] - axes.get_xlim()[0])

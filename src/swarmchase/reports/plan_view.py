@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from .flight_paths import FlightPaths
 from .style import TARGET_COLOR
 
 MARGIN_SHARE = 0.07
@@ -37,11 +36,10 @@ CENTER_STYLE = PathStyle("centre of the swarm", "black", "-", "o")
 TARGET_STYLE = PathStyle("target", TARGET_COLOR, "--", "D")
 
 
-def set_view(axes: Axes, paths: FlightPaths, height_share: float) -> None:
-    """Limits that hold both paths with a metre as long on either axis; the view is ``height_share`` times as high as
-    wide.
+def set_view(axes: Axes, places_m: NDArray[np.float64], height_share: float) -> None:
+    """Limits that hold these places [place, 2] with a metre as long on either axis; the view is ``height_share`` times
+    as high as wide.
     """
-    places_m = np.concatenate([paths.center_m, paths.target_m])[:, :2]
     low_m, high_m = places_m.min(axis=0), places_m.max(axis=0)
     usable_share = height_share * (1 - STRIP_SHARE) - 2 * MARGIN_SHARE
     width_m = max((high_m[0] - low_m[0]) / (1 - 2 * MARGIN_SHARE), (high_m[1] - low_m[1]) / usable_share, 1.0)

@@ -60,7 +60,7 @@ def draw_behaviours(logs: Mapping[str, Log], path: Path, title: str) -> None:
         panels = figure.subplots(rows, BEHAVIOUR_COLUMNS, squeeze=False)
         for axes, (name, log) in zip(panels.flat, logs.items(), strict=False):
             paths = flight_paths(log)
-            set_view(axes, paths, height_share=0.95)
+            set_view(axes, paths.from_above_m, height_share=0.95)
             axes.set(title=f"{name}: {log['capture_s']:.0f} s", xlabel="", ylabel="")
             axes.set_xticks([])
             axes.set_yticks([])

@@ -2,9 +2,11 @@
 agent beside it. What each does in its own way is in ``simulated_ardupilot`` and ``simulated_px4``.
 """
 
+import math
 import socket
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
@@ -24,10 +26,20 @@ ABOVE_GROUND_M = 100.0
 LANDED_M, TAKEN_OFF_M = 0.05, 0.2
 """So near to the ground, and to where its take-off ends."""
 SIMULATED = mavlink.MAV_MODE_FLAG_HIL_ENABLED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+FULL_PERCENT, EMPTIES_PER_S = 97.0, 0.05
+"""Of its battery: at the beginning, and in flight."""
+SATELLITES = 14
+TURNS_MPS = 0.5
+"""Slower than this it keeps its heading."""
 LOCAL, GLOBAL, LANDED = (
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+)
+STATUS, GPS, HUD = (
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD,
 )
 
 
@@ -72,8 +84,10 @@ class SimulatedAutopilot(ABC):
         self._vehicle = vehicle
         self._home_m = vehicle.position_m
         self._ground_m = self._home_m[2] - (ABOVE_GROUND_M if is_in_the_air else 0.0)
-        self._rates_hz = rates_hz
+        self._rates_hz = rates_hz | dict.fromkeys((STATUS, GPS, HUD), 0.0)
         self._now_ns = 0
+        self._begun_ns: int | None = None
+        self._heading_deg = 0
         self._mavlink: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._parser: Any = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -85,15 +99,27 @@ class SimulatedAutopilot(ABC):
     def step(self, now_ns: int) -> None:
         """Hear, fly, and say what is due."""
         self._now_ns = now_ns
+        self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
         for message in self._received():
             self._hear(message)
         self._fly()
         self._begin_or_end_the_flight()
         if self._is_due("heartbeat", HEARTBEAT_HZ):
             self._say_heartbeat()
-        for message_id, say in ((LOCAL, self._say_local), (GLOBAL, self._say_global), (LANDED, self._say_landed)):
+        for message_id, say in self._telemetry.items():
             if self._is_due(str(message_id), self._rates_hz[message_id]):
                 say()
+
+    @property
+    def _telemetry(self) -> dict[int, Callable[[], None]]:
+        return {
+            LOCAL: self._say_local,
+            GLOBAL: self._say_global,
+            LANDED: self._say_landed,
+            STATUS: self._say_status,
+            GPS: self._say_gps,
+            HUD: self._say_hud,
+        }
 
     def close(self) -> None:
         """Give the socket back."""
@@ -236,6 +262,24 @@ class SimulatedAutopilot(ABC):
 
     def _say_landed(self) -> None:
         self._say(self._mavlink.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, self.phase))
+
+    def _say_status(self) -> None:
+        assert self._begun_ns is not None
+        percent = FULL_PERCENT - EMPTIES_PER_S * (self._now_ns - self._begun_ns) / 1e9
+        self._say(self._mavlink.sys_status_encode(0, 0, 0, 0, 15_200, 1_800, max(0, round(percent)), 0, 0, 0, 0, 0, 0))
+
+    def _say_gps(self) -> None:
+        fix = mavlink.GPS_FIX_TYPE_3D_FIX if self.has_position else mavlink.GPS_FIX_TYPE_NO_FIX
+        unknown = (65_535, 65_535, 65_535, 65_535)
+        self._say(self._mavlink.gps_raw_int_encode(self._now_ns // 1000, fix, 0, 0, 0, *unknown, SATELLITES))
+
+    def _say_hud(self) -> None:
+        """It looks where it flies."""
+        (x_mps, y_mps, z_mps), speed_mps = self._vehicle.velocity_mps, math.hypot(*self._vehicle.velocity_mps[:2])
+        if speed_mps > TURNS_MPS:
+            self._heading_deg = round(math.degrees(math.atan2(x_mps, y_mps))) % 360
+        up_m = self._vehicle.position_m[2]
+        self._say(self._mavlink.vfr_hud_encode(speed_mps, speed_mps, self._heading_deg, 40, up_m, z_mps))
 
     def _tell(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         self._say(self._mavlink.statustext_encode(severity, text.encode()))

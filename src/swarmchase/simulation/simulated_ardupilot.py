@@ -7,7 +7,7 @@ from typing import Any
 from ..live.link.dialect import mavlink
 from ..live.link.messages import Metres
 from ..live.tracker.vehicles import SimulatedVehicle
-from .autopilot import GLOBAL, LANDED, LOCAL, Phase, SimulatedAutopilot
+from .autopilot import GLOBAL, GPS, HUD, LANDED, LOCAL, STATUS, Phase, SimulatedAutopilot
 from .vehicles_gone_wrong import FailingVehicle
 
 GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
@@ -111,6 +111,10 @@ class SimulatedArduPilot(SimulatedAutopilot):
     def _take_stream(self, message: Any) -> None:
         if message.req_stream_id == mavlink.MAV_DATA_STREAM_POSITION:
             self._rates_hz[LOCAL] = self._rates_hz[GLOBAL] = float(message.req_message_rate)
+        elif message.req_stream_id == mavlink.MAV_DATA_STREAM_EXTENDED_STATUS:
+            self._rates_hz[STATUS] = self._rates_hz[GPS] = float(message.req_message_rate)
+        elif message.req_stream_id == mavlink.MAV_DATA_STREAM_EXTRA2:
+            self._rates_hz[HUD] = float(message.req_message_rate)
 
     def _take_set_point(self, frame: int, position_m: Metres) -> None:
         if frame in LOCAL_FRAMES | GLOBAL_FRAMES:

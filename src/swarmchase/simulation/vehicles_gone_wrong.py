@@ -24,7 +24,7 @@ class FailingVehicle:
 
     def __init__(self, vehicle: SimulatedVehicle, fault: Callable[[], VehicleFault | None]) -> None:
         self._vehicle, self._fault = vehicle, fault
-        self.hold, self.said = vehicle.hold, vehicle.said
+        self.hold, self.said, self.health = vehicle.hold, vehicle.said, vehicle.health
 
     @property
     def position_m(self) -> Metres:

@@ -24,6 +24,7 @@ from swarmchase.errors import InputError
 from swarmchase.live.link.messages import (
     LONGEST_NOTICE,
     MOST_NOTICES,
+    Health,
     Heartbeat,
     Message,
     Notice,
@@ -172,12 +173,17 @@ VEHICLES = st.builds(VehicleState, st.booleans(), st.sampled_from([None, False, 
 HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode), VEHICLES)
 LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=LONGEST_NOTICE)
 NOTICES = st.tuples(TRACKERS, st.integers(1, MOST_NOTICES), st.sampled_from(Severity), LINES)
+HEALTHS = st.tuples(
+    TRACKERS,
+    *(st.none() | st.integers(0, most) for most in (100, 8, 254)),
+    st.none() | st.integers(0, 35_999).map(lambda number: number / 100),
+)
 SET_POINTS = st.tuples(TRACKERS, whole(2**63 // 10**6, 10**6), whole(2**32), vectors(100_000))
 
 
 @pytest.mark.parametrize(
     ("kind", "values"),
-    [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS), (Notice, NOTICES)],
+    [(RssiWindow, WINDOWS), (PositionReport, POSITIONS), (Heartbeat, HEARTBEATS), (Notice, NOTICES), (Health, HEALTHS)],
 )
 @given(data=st.data())
 def test_a_report_comes_back_as_it_was_sent(
@@ -910,6 +916,7 @@ DOCS_EXAMPLES: dict[str, Message] = {
     "PositionReport": PositionReport(0, 7_000_000_000, (1.5, -2.0, 30.25), (0.5, 0.25, -1.0)),
     "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING, FLYING),
     "Notice": Notice(0, 3, Severity.WARNING, "PreArm: Compass not calibrated"),
+    "Health": Health(0, 87, 3, 14, 271.5),
     "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0)),
 }
 

@@ -72,6 +72,9 @@ class FakeVehicle:
         self.lines: list[tuple[Severity, str]] = []
         self.orders: list[Metres | str] = []
 
+    def health(self, tracker: int) -> None:
+        return None
+
     def said(self) -> list[tuple[Severity, str]]:
         lines, self.lines = self.lines, []
         return lines

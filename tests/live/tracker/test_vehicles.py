@@ -183,8 +183,8 @@ MAV_RESULT = {"accepted": 0, "denied": 2, "unsupported": 3}
 
 
 class FakeAutopilot:
-    """In the air. Says a heartbeat a second, and ten times a second where it is and that it flies; answers to mode
-    requests as it is told to. ``swarmchase.simulation`` has autopilots with habits of their own."""
+    """In the air. Says once a second that it is there and how it is, and ten times where it is and that it flies;
+    answers to mode requests as it is told to. ``swarmchase.simulation`` has autopilots with habits of their own."""
 
     def __init__(self, port: int, firmware: int = ARDUPILOT, kind: int = COPTER, system: int = 1) -> None:
         from pymavlink.dialects.v20 import common
@@ -210,6 +210,11 @@ class FakeAutopilot:
     def beat(self) -> None:
         armed = 128 if self.armed else 0
         self.say(self.mavlink.heartbeat_encode(self.kind, self.firmware, 1 | armed, self.mode, self.status))
+
+    def say_how_it_is(self) -> None:
+        self.say(self.mavlink.sys_status_encode(0, 0, 0, 0, 15_000, 900, 80, 0, 0, 0, 0, 0, 0))
+        self.say(self.mavlink.gps_raw_int_encode(0, 3, 0, 0, 0, 0, 0, 0, 0, 12))
+        self.say(self.mavlink.vfr_hud_encode(0, 0, 45, 0, 10, 0))
 
     def say_that_it_flies(self) -> None:
         self.say(self.mavlink.extended_sys_state_encode(0, IN_AIR))
@@ -266,6 +271,7 @@ class Flight:
             if self.autopilot.speaks:
                 if self.step % 10 == 0:
                     self.autopilot.beat()
+                    self.autopilot.say_how_it_is()
                 self.autopilot.say_that_it_flies()
                 if self.autopilot.knows_where_it_is:
                     self.autopilot.say_position()

@@ -10,6 +10,7 @@ from typing import Any
 from ...errors import InputError
 from .dialect import mavlink
 from .messages import (
+    Health,
     Heartbeat,
     Message,
     Metres,
@@ -60,6 +61,32 @@ AIRBORNE_STATES: dict[bool | None, int] = {
 """``system_status`` says whether the vehicle is in the air."""
 _AIRBORNE_OF_STATE = {state: airborne for airborne, state in AIRBORNE_STATES.items()}
 
+UNKNOWN_BYTE, UNKNOWN_HEADING = 255, 65_535
+"""Of the health: what is not known."""
+_HEALTH_UNUSED = (
+    "base_mode",
+    "custom_mode",
+    "landed_state",
+    "roll",
+    "pitch",
+    "throttle",
+    "heading_sp",
+    "latitude",
+    "longitude",
+    "altitude_amsl",
+    "altitude_sp",
+    "airspeed",
+    "airspeed_sp",
+    "groundspeed",
+    "climb_rate",
+    "temperature",
+    "temperature_air",
+    "failsafe",
+    "wp_num",
+    "wp_distance",
+)
+"""Fields of its message that are sent as 0 and not read."""
+
 _SPAN_MS = 4_294_967_296
 """MAVLink's ``time_boot_ms`` has 32 bits and starts anew after so much, 49.7 days."""
 _MOST_SPANS = 65_536
@@ -86,6 +113,8 @@ def to_mavlink(message: Message) -> Any:
             return _heartbeat_to_mavlink(message)
         case Notice():
             return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("ascii"), message.number)
+        case Health():
+            return _health_to_mavlink(message)
         case SetPoint():
             return _set_point_to_mavlink(message)
 
@@ -103,6 +132,7 @@ class ReportDecoder:
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
             mavlink.MAVLINK_MSG_ID_HEARTBEAT,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT,
+            mavlink.MAVLINK_MSG_ID_HIGH_LATENCY,
         )
     )
 
@@ -119,7 +149,7 @@ class ReportDecoder:
             report = self._report(tracker, fields)
         except InputError as error:
             raise RejectedError(Reason.REFUSED_VALUE) from error
-        if not isinstance(report, Notice):
+        if not isinstance(report, Notice | Health):
             self._latest_ms[tracker] = report.time_ns // 10**6
         return report
 
@@ -135,6 +165,8 @@ class ReportDecoder:
                 return self._heartbeat(tracker, fields)
             case mavlink.MAVLINK_MSG_ID_STATUSTEXT:
                 return _notice_from_mavlink(tracker, fields)
+            case mavlink.MAVLINK_MSG_ID_HIGH_LATENCY:
+                return _health_from_mavlink(tracker, fields)
             case _:
                 raise RejectedError(Reason.UNKNOWN_MESSAGE)
 
@@ -219,6 +251,35 @@ def _rssi_from_mavlink(tracker: int, fields: Any) -> RssiWindow:
     num_samples = _whole(fields.data[1], RSSI_FLOATS - RSSI_FIRST_SAMPLE + 1)
     samples_dbm = tuple(fields.data[RSSI_FIRST_SAMPLE : RSSI_FIRST_SAMPLE + num_samples])
     return RssiWindow(tracker, fields.time_usec * 1000, fields.data[0], samples_dbm)
+
+
+def _health_to_mavlink(health: Health) -> Any:
+    heading_deg = health.heading_deg
+    return mavlink.MAVLink_high_latency_message(
+        heading=UNKNOWN_HEADING if heading_deg is None else round(100 * heading_deg) % 36_000,
+        gps_nsat=_byte(health.satellites),
+        gps_fix_type=_byte(health.gps_fix),
+        battery_remaining=_byte(health.battery_percent),
+        **dict.fromkeys(_HEALTH_UNUSED, 0),
+    )
+
+
+def _health_from_mavlink(tracker: int, fields: Any) -> Health:
+    return Health(
+        tracker,
+        battery_percent=_known(fields.battery_remaining),
+        gps_fix=_known(fields.gps_fix_type),
+        satellites=_known(fields.gps_nsat),
+        heading_deg=None if fields.heading == UNKNOWN_HEADING else fields.heading / 100,
+    )
+
+
+def _known(byte: int) -> int | None:
+    return None if byte == UNKNOWN_BYTE else byte
+
+
+def _byte(number: int | None) -> int:
+    return UNKNOWN_BYTE if number is None else number
 
 
 def _set_point_to_mavlink(point: SetPoint) -> Any:

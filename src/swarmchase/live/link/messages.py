@@ -146,6 +146,36 @@ class Notice:
             raise InputError(f"a notice is refused: allowed are 1 to {LONGEST_NOTICE} printable ASCII characters")
 
 
+@dataclass(frozen=True)
+class Health:
+    """What a tracker's autopilot says of its battery, its satellite receiver and its heading, for people. What it does
+    not say is None.
+
+    Raises:
+        InputError: a tracker or a number that cannot be.
+    """
+
+    tracker: int
+    battery_percent: int | None = None
+    gps_fix: int | None = None
+    """As MAVLink numbers them (GPS_FIX_TYPE): 2 is a fix without height, 3 one with it, 6 the best."""
+    satellites: int | None = None
+    heading_deg: float | None = None
+    """Clockwise from north, 0 to below 360."""
+
+    def __post_init__(self) -> None:
+        _require_tracker(self.tracker)
+        for name, number, most in (
+            ("battery_percent", self.battery_percent, 100),
+            ("gps_fix", self.gps_fix, 8),
+            ("satellites", self.satellites, 254),
+        ):
+            if not (number is None or 0 <= number <= most):
+                raise InputError(f"{name} = {number} is refused: allowed is 0 to {most}")
+        if not (self.heading_deg is None or 0 <= self.heading_deg < 360):
+            raise InputError(f"heading_deg = {self.heading_deg} is refused: allowed is 0 to below 360")
+
+
 def printable(text: str) -> str:
     """As notices carry it: one line in which a question mark stands for what is not printable ASCII."""
     return "".join(one if one.isascii() and one.isprintable() else "?" for one in " ".join(text.split()))
@@ -174,7 +204,7 @@ class SetPoint:
         _require_within("position_m", self.position_m, FARTHEST_M)
 
 
-Report = RssiWindow | PositionReport | Heartbeat | Notice
+Report = RssiWindow | PositionReport | Heartbeat | Notice | Health
 """What a tracker says."""
 Message = Report | SetPoint
 

@@ -6,23 +6,41 @@ from typing import Any
 import numpy as np
 
 from ..alarms import Severity, TrackerCondition
-from ..estimate import estimate_of
+from ..estimate import estimate_of, region_of
 
 _UNSAID = {"left_out": "", "notices": [], "dropped": {}}
 
 
 def renewal(layout: int) -> Callable[[Any], Any] | None:
     """What makes a frame of this layout one of this version; None where it is one."""
-    return {1: _with_events, 2: _with_channel}.get(layout)
+    return {1: _with_events, 2: _with_channel, 3: _with_track}.get(layout)
+
+
+def _with_track(frame: Any) -> Any:
+    """A frame of layout 3: it did not say how fast the target is, what was believed before, and what autopilots tell.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is no such frame.
+    """
+    points_m = frame["belief_m"] or []
+    region = region_of(np.array(points_m, dtype=np.float64).reshape(-1, 3)) if len(points_m) > 1 else None
+    estimate = frame["estimate"] and frame["estimate"] | {"velocity_mps": None, "region": region}
+    return frame | {
+        "estimate": estimate,
+        "interception": None,
+        "share_within": None,
+        "track": {"time_s": [], "target_m": [], "radius_m": [], "share_within": []},
+        "trackers": [tracker | {"health": None} for tracker in frame["trackers"]],
+    }
 
 
 def _with_channel(frame: Any) -> Any:
     """A frame of layout 2: it did not say what the radio was found to be.
 
     Raises:
-        TypeError: it is no such frame.
+        KeyError, TypeError, ValueError: it is no such frame.
     """
-    return frame | {"channel": None}
+    return _with_track(frame | {"channel": None})
 
 
 def _with_events(frame: Any) -> Any:
@@ -33,14 +51,17 @@ def _with_events(frame: Any) -> Any:
     """
     belief_m = frame["belief_m"] and np.array(frame["belief_m"], dtype=np.float64).reshape(-1, 3)
     center_m = frame["center_m"] and tuple(frame["center_m"])
-    return _with_channel(frame) | {
-        "trackers": [tracker | {"condition": _condition(tracker)} | _UNSAID for tracker in frame["trackers"]],
-        "alarms": [{"text": text, "severity": Severity.WARNING.value, "tracker": None} for text in frame["alarms"]],
-        "events": [],
-        "estimate": estimate_of(belief_m, center_m),
-        "ended_s": None,
-        "preflight": [],
-    }
+    return _with_channel(
+        frame
+        | {
+            "trackers": [tracker | {"condition": _condition(tracker)} | _UNSAID for tracker in frame["trackers"]],
+            "alarms": [{"text": text, "severity": Severity.WARNING.value, "tracker": None} for text in frame["alarms"]],
+            "events": [],
+            "estimate": estimate_of(belief_m, center_m),
+            "ended_s": None,
+            "preflight": [],
+        }
+    )
 
 
 def renewed_decision(decision: Any) -> Any:

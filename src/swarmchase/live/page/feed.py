@@ -37,8 +37,8 @@ class Feed:
     Args:
         info: plain JSON that holds for the whole chase: ``version``, ``controller``, ``sampling_hz``,
             ``spatial_correlation``, ``window_samples``, ``success_radius_m``, ``spacing_choices_m``,
-            ``displacement_choices_m``, ``fence_m`` (``{"low": [x, y, z], "high": [x, y, z]}`` or null), ``title`` and,
-            where it is known, ``duration_s``.
+            ``displacement_choices_m``, ``is_in_flight``, ``title``,
+            ``fence_m`` (``{"low": [x, y, z], "high": [x, y, z]}`` or null) and, where it is known, ``duration_s``.
         is_live: the frames come as they happen, and words are accepted; otherwise it is a recorded chase.
     """
 

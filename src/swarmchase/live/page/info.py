@@ -17,6 +17,7 @@ def page_info(head: LogHead) -> dict[str, Any]:
         "success_radius_m": scenario.success_radius_m,
         "spacing_choices_m": list(scenario.spacing_choices_m),
         "displacement_choices_m": list(scenario.displacement_choices_m),
+        "is_in_flight": scenario.pace == "listen_in_flight",
         "fence_m": {"low": limits.low_m.tolist(), "high": limits.high_m.tolist()},
         "title": f"chase {head.chase} of seed {head.seed}, {head.started_at:%Y-%m-%d %H:%M:%S} UTC",
     }

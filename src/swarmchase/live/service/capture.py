@@ -38,6 +38,11 @@ class CaptureJudge:
         self._decisions = decisions
         self._share: deque[float] = deque(maxlen=max(decisions, 1))
 
+    @property
+    def newest_share(self) -> float | None:
+        """Of the belief within the radius, after the last decision; None before the first."""
+        return self._share[-1] if self._share else None
+
     def forget(self) -> None:
         """Judge by decisions to come alone."""
         self._share.clear()

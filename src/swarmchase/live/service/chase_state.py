@@ -6,7 +6,7 @@ from enum import Enum
 
 from ...controllers.condition import Condition
 from ...controllers.explanation import Explanation
-from ..link.messages import Metres, Notice, TrackerMode, VehicleState
+from ..link.messages import Health, Metres, Notice, TrackerMode, VehicleState
 from .sample_window import Levels, Points
 
 
@@ -100,6 +100,8 @@ class TrackerSnapshot:
     """The newest lines for people of its autopilot, its receiver and its agent, oldest first."""
     dropped: Mapping[str, int] = field(default_factory=dict)
     """Samples that it reported and that are no levels, by reason."""
+    health: Health | None = None
+    """What its autopilot has said of late; None where it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -147,3 +149,5 @@ class Snapshot:
     """In how many steps a set-point was pulled back, since somebody had come into its tracker's way."""
     condition: Condition = Condition.TRACKING
     """What the controller says of itself, after its last decision."""
+    share_within: float | None = None
+    """Of the belief, within the success radius of the centre, after the last decision in flight."""

@@ -339,6 +339,7 @@ class ControllerService:
             preflight=self._preflight(),
             pulled_back=self._swarm.stream.pulled_back,
             condition=self._condition,
+            share_within=self._judge.newest_share if isinstance(self._judge, CaptureJudge) else None,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:

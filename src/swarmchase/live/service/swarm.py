@@ -298,6 +298,7 @@ class Swarm:
             position_hz=record.position_hz,
             notices=tuple(record.notices),
             dropped=record.dropped,
+            health=record.health(self._now_ns),
         )
 
 

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from ...scenario import Scenario
-from ..link.messages import Heartbeat, Notice, PositionReport, Report, RssiWindow, TrackerMode, VehicleState
+from ..link.messages import Health, Heartbeat, Notice, PositionReport, Report, RssiWindow, TrackerMode, VehicleState
 from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow, Times
 
 SILENT_S = 1.0
@@ -22,6 +22,8 @@ LATEST_NS = 2**62
 """No clock is later than 146 years after its start; what is dated later is dropped."""
 RATE_OVER_S = 2.0
 """The rate of its positions is that of so long."""
+HEALTH_S = 10.0
+"""What was said of a vehicle's health longer ago is not known any more."""
 KEPT_NOTICES = 8
 MOST_POSITIONS = 1000
 """No more than the newest of this many are kept, whatever a tracker sends."""
@@ -39,6 +41,9 @@ class TrackerRecord:
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
         self.notices: deque[Notice] = deque(maxlen=KEPT_NOTICES)
         """The newest lines for people, oldest first."""
+        self._health: Health | None = None
+        self._health_ns = 0
+        """When that came."""
         self.velocity_mps: Point = np.zeros(3)
         """How fast it was there."""
         self._forget()
@@ -60,6 +65,9 @@ class TrackerRecord:
         if isinstance(message, Notice):
             if message not in self.notices:
                 self.notices.append(message)
+            return
+        if isinstance(message, Health):
+            self._health, self._health_ns = message, now_ns
             return
         if message.time_ns > LATEST_NS:
             return
@@ -95,6 +103,10 @@ class TrackerRecord:
         times_ns = self._position_ns[bisect.bisect_left(self._position_ns, newest_ns - round(RATE_OVER_S * 1e9)) :]
         # Two of one moment do not make a rate.
         return (len(times_ns) - 1) / max((newest_ns - times_ns[0]) / 1e9, RATE_OVER_S / 4)
+
+    def health(self, now_ns: int) -> Health | None:
+        """What its autopilot has said of battery, satellites and heading of late."""
+        return self._health if now_ns - self._health_ns <= HEALTH_S * 1e9 else None
 
     def position_age_s(self, now_ns: int) -> float:
         """Of its newest position; infinite without any."""

@@ -36,6 +36,7 @@ from .way_back import WayBack
 
 CHANGE_TOLD_S, CHANGE_TOLD_HZ = 1.0, 20.0
 """A change of mode is told at once, and for so long so often: datagrams get lost."""
+HEALTH_HZ = 0.5
 BRAKED_S = 5.0
 """So long after it was told to hold every vehicle stands."""
 LONGEST_PAUSE_S = 0.5
@@ -258,6 +259,9 @@ class TrackerAgent:
             self._due_ns.pop("heartbeat", None)
         if self._is_due("heartbeat", self._heartbeat_hz(now_ns), now_ns):
             self._link.send(Heartbeat(self._tracker, now_ns, mode, self._vehicle.state))
+        health = self._vehicle.health(self._tracker)
+        if health is not None and self._is_due("health", HEALTH_HZ, now_ns):
+            self._link.send(health)
 
     def _heartbeat_hz(self, now_ns: int) -> float:
         has_changed = self._changed_ns is not None and now_ns - self._changed_ns < CHANGE_TOLD_S * 1e9

@@ -5,6 +5,10 @@ export const TRACKER_SIDES = ["east", "west", "north", "south", "up", "down"];
 // A tracker that has not been heard for so long is stale; so is everything when no frame has come for so long.
 export const STALE_S = 1.0;
 
+const EASING_MS = 80;
+const LONGEST_STEP_MS = 500;
+const REDUCED_MOTION = window.matchMedia("(prefers-reduced-motion: reduce)");
+
 export const NOTHING = "–";
 
 export function number(value, digits = 1) {
@@ -56,7 +60,7 @@ export function bearing(degrees) {
 
 // States after which nothing is commanded any more.
 export function hasEnded(frame) {
-  return ["reached", "lost", "aborted"].includes(frame.state);
+  return frame.ended_s !== null || ["reached", "aborted"].includes(frame.state);
 }
 
 // What severity looks like without its colour; the word is for those who do not see the sign.
@@ -75,6 +79,12 @@ export function severeItem(severity, ...content) {
   word.textContent = severity === "info" ? "" : `${severity}: `;
   item.append(sign, word, ...content);
   return item;
+}
+
+// How much of the way to its goal a view goes in this time: as fast where few pictures are made as where many are.
+export function easedShare(elapsedMs) {
+  if (REDUCED_MOTION.matches) return 1;
+  return 1 - Math.exp(-Math.min(elapsedMs, LONGEST_STEP_MS) / EASING_MS);
 }
 
 export function setText(element, text) {

@@ -1,6 +1,7 @@
 // Where the camera looks from: it keeps everything in the picture until a person takes hold of it.
 
 import * as THREE from "./vendor/three.module.min.js";
+import { easedShare } from "./format.js";
 
 const FROM = new THREE.Vector3(-0.55, -1.25, 0.75).normalize(); // from south-south-west and above: north is away
 const MARGIN = 1.12;
@@ -9,7 +10,6 @@ const LEAST_RADIUS_M = 8;
 const BELIEF_SHARE = 0.8;
 // Of the path, where the swarm has just been.
 const RECENT_STEPS = 10;
-const EASING = 0.18;
 const STILL = 0.002;
 
 export class Framing {
@@ -22,8 +22,7 @@ export class Framing {
     this.goal = new THREE.Sphere(new THREE.Vector3(), 60);
     this.now = this.goal.clone();
     this.direction = FROM.clone();
-    const reduced = window.matchMedia("(prefers-reduced-motion: reduce)");
-    this.easing = () => (reduced.matches ? 1 : EASING);
+    this.stepMs = performance.now();
     this.apply();
   }
 
@@ -49,8 +48,10 @@ export class Framing {
 
   // One step towards the goal; returns whether there is still some way to go.
   step() {
+    const nowMs = performance.now();
+    const easing = easedShare(nowMs - this.stepMs);
+    this.stepMs = nowMs;
     if (this.isHeld) return false;
-    const easing = this.easing();
     this.now.center.lerp(this.goal.center, easing);
     this.now.radius += (this.goal.radius - this.now.radius) * easing;
     this.apply();

@@ -8,7 +8,9 @@ import { DecisionPanel } from "./decision.js";
 import { estimateInWords } from "./estimate.js";
 import { Events } from "./events.js";
 import { Operator } from "./operator.js";
+import { MapView } from "./map.js";
 import { Preflight } from "./preflight.js";
+import { PursuitPanel } from "./pursuit.js";
 import { ResultCard, distanceToTruthM } from "./result.js";
 import { ServiceSocket } from "./socket.js";
 import { Timeline } from "./timeline.js";
@@ -35,6 +37,8 @@ const traces = new Traces($("traces"), $("traces-key"));
 const decision = new DecisionPanel($("decision"), $("decision-number"), $("decision-note"));
 const alarms = new Alarms($("alarms"), $("rejected"));
 const events = new Events($("events"), $("spoken"), $("spoken-alarm"));
+const map = new MapView($("map"));
+const pursuit = new PursuitPanel($("pursuit-panel"));
 const result = new ResultCard($("result"));
 const scene = await openScene();
 
@@ -47,12 +51,13 @@ const socket = new ServiceSocket({
   info(message) {
     info = message;
     showInfo(info);
-    [timeline, traces, decision, scene].forEach((part) => part?.setInfo(info));
+    [timeline, traces, decision, pursuit, map, scene].forEach((part) => part?.setInfo(info));
+    $("decision-panel").hidden = info.is_in_flight;
     if (shown) draw();
   },
   frame(message) {
     takeNewest(message);
-    timeline.setRange(message.first_s, message.last_s);
+    timeline.setRange(message.first_s, message.last_s, newest.events);
     if (timeline.isFollowing) show(newest);
     if (info?.is_live) events.speak(newest);
     drawClock();
@@ -72,6 +77,8 @@ const timeline = new Timeline($("timeline"), {
     drawClock();
   },
 });
+$("reset-view").addEventListener("click", () => look(false));
+$("close-up").addEventListener("click", () => look($("close-up").getAttribute("aria-pressed") !== "true"));
 setInterval(() => {
   drawClock();
   if (shown && isFollowing()) drawAges();
@@ -80,13 +87,19 @@ setInterval(() => {
 async function openScene() {
   try {
     const { Scene } = await import("./scene.js");
-    return new Scene($("scene"), { reset: $("reset-view"), closeUp: $("close-up") });
+    return new Scene($("scene"));
   } catch (error) {
     console.warn(`no picture: ${error.message}`);
     $("scene-missing").hidden = false;
-    $("view-buttons").hidden = true;
     return null;
   }
+}
+
+// Both views find their place by themselves: to see everything, or the swarm alone.
+function look(isCloseUp) {
+  $("close-up").setAttribute("aria-pressed", String(isCloseUp));
+  scene?.look(isCloseUp);
+  map.look(isCloseUp);
 }
 
 function isFollowing() {
@@ -116,7 +129,9 @@ function show(frame) {
 function draw() {
   document.body.dataset.timeS = shown.time_s;
   document.body.dataset.epoch = shown.epoch;
-  decision.draw(shown);
+  if (!info?.is_in_flight) decision.draw(shown);
+  pursuit.draw(shown);
+  map.draw(shown);
   alarms.draw(shown);
   events.draw(shown);
   result.draw(shown);
@@ -136,6 +151,7 @@ function drawDistance() {
   $("distance-figure").hidden = distanceM === null;
   $("key-target").hidden = !shown.target_m;
   $("key-belief").hidden = !shown.belief_m;
+  $("key-intercept").hidden = !shown.interception?.position_m;
   $("key-fence").hidden = !info?.fence_m;
   if (distanceM !== null) setText($("distance"), `${number(distanceM)} m`);
 }

@@ -3,9 +3,8 @@
 // Hold is said by one press, or the key H: it harms nothing. Abort is said by one press that lasts, on the button or the
 // key A. Start and Target reached ask once more.
 
-import { setText } from "./format.js";
+import { hasEnded, setText } from "./format.js";
 
-const UNDER_WAY = ["connecting", "sampling", "moving", "pursuing", "holding"];
 // A button that has just got another meaning, or just been armed, ignores the second half of a double click.
 const TOO_SOON_MS = 400;
 const ARMED_MS = 4000;
@@ -40,7 +39,7 @@ export class Operator {
   draw(frame, isConnected, isPast) {
     this.root.hidden = frame === null;
     if (frame === null) return;
-    this.isUnderWay = UNDER_WAY.includes(frame.state);
+    this.isUnderWay = frame.state !== "idle" && !hasEnded(frame);
     const isIdle = frame.state === "idle";
     const word = holdWord(frame);
     if (this.hold.dataset.word !== word) {

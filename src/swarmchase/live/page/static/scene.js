@@ -6,7 +6,7 @@ import { TRACKER_SIDES, setText, staleness } from "./format.js";
 import { Framing } from "./framing.js";
 import { CompassRose } from "./compass_rose.js";
 import { onThemeChange, themeColor, trackerColor } from "./theme.js";
-import { disc, dots, label, polyline, quadcopter, ring, segments, setPoints } from "./shapes.js";
+import { ball, disc, dots, label, polyline, quadcopter, ring, segments, setPoints } from "./shapes.js";
 
 const FIELD_OF_VIEW_DEG = 40;
 // A tracker is as wide as this on the screen, or less where the swarm is far away; then it loses its name, too.
@@ -17,12 +17,19 @@ const LEAST_SPACING_WITH_NAMES_PX = 24;
 const NAME_PX = 17;
 const CENTER_PX = 11;
 const TARGET_PX = 17;
+const INTERCEPT_PX = 26;
+// So far the arrow of a velocity reaches.
+const ARROW_S = 4;
 const GRID_LINES = 24;
 const GRID_STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
+// Where a picture takes longer, the rest of the page gets as much time as it takes.
+const SLOW_MS = 50;
+const LONGEST_REST_MS = 150;
+
 export class Scene {
   // Throws where the browser has no WebGL.
-  constructor(container, buttons) {
+  constructor(container) {
     this.container = container;
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
@@ -31,6 +38,7 @@ export class Scene {
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.1, 20000);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.restsUntilMs = 0;
     this.framing = new Framing(this.camera, this.controls);
     this.rose = new CompassRose();
     this.scene = new THREE.Scene();
@@ -38,9 +46,6 @@ export class Scene {
     onThemeChange(() => this.repaint());
     this.controls.addEventListener("change", () => this.request());
     this.controls.addEventListener("start", () => this.framing.release());
-    buttons.reset.addEventListener("click", () => this.look(false));
-    buttons.closeUp.addEventListener("click", () => this.look(!this.framing.isCloseUp));
-    this.closeUpButton = buttons.closeUp;
     new ResizeObserver(() => this.resize()).observe(container);
   }
 
@@ -66,7 +71,6 @@ export class Scene {
   // Let the camera find its place by itself: to see everything, or the swarm alone.
   look(isCloseUp) {
     this.framing.reset(isCloseUp);
-    this.closeUpButton.setAttribute("aria-pressed", String(isCloseUp));
     if (this.frame) this.framing.include(this.frame);
     this.request();
   }
@@ -78,6 +82,7 @@ export class Scene {
     setPoints(this.path, frame.path_m);
     setPoints(this.steps, frame.path_m);
     setPoints(this.belief, frame.belief_m ?? []);
+    this.drawEstimate(frame);
     this.drawTarget(frame.target_m);
     this.drawGround(frame);
     this.framing.include(frame);
@@ -100,6 +105,12 @@ export class Scene {
     this.path = polyline(bright, 0.8);
     this.steps = dots(bright, 5, 0.9);
     this.belief = dots(themeColor("belief"), 5, 0.5);
+    this.track = polyline(themeColor("belief"), 0.9);
+    this.region = ball(themeColor("belief"));
+    this.velocity = new THREE.ArrowHelper(new THREE.Vector3(1, 0, 0), new THREE.Vector3(), 1, themeColor("belief"));
+    this.intercept = label("×", themeColor("orange"));
+    this.intercept.center.set(0.5, 0.5);
+    this.course = segments(themeColor("orange"), 0.7, true);
     this.center = disc(bright);
     this.trackers = TRACKER_SIDES.map((_, index) => this.addTracker(trackerColor(index), index));
     this.target = new THREE.Mesh(
@@ -111,6 +122,7 @@ export class Scene {
       new THREE.MeshBasicMaterial({ color: themeColor("target"), wireframe: true, transparent: true, opacity: 0.25 }),
     );
     this.scene.add(this.grid, this.plumbs, this.fence, this.path, this.steps, this.belief, this.center);
+    this.scene.add(this.track, this.region, this.velocity, this.intercept, this.course);
     this.scene.add(this.target, this.success);
     // After the belief's points, which would hide them: these write no depth.
     for (const object of [this.target, ...this.trackers.map((one) => one.body)]) {
@@ -149,6 +161,19 @@ export class Scene {
     setPoints(parts.lead, position && tracker.set_point_m ? [position, tracker.set_point_m] : []);
   }
 
+  drawEstimate({ estimate, track, interception, center_m: centerM }) {
+    const region = estimate?.region ?? null;
+    this.region.visible = region !== null;
+    if (region) this.region.matrix.makeBasis(...region.half_axes_m.map((axis) => new THREE.Vector3(...axis))).setPosition(...region.center_m);
+    setPoints(this.track, track.target_m.filter(Boolean));
+    this.velocity.visible = Boolean(estimate?.velocity_mps);
+    if (this.velocity.visible) turnArrow(this.velocity, estimate.position_m, estimate.velocity_mps);
+    const metM = interception?.position_m;
+    place(this.intercept, metM);
+    setPoints(this.course, metM && centerM ? [centerM, metM] : []);
+    if (metM) this.course.computeLineDistances();
+  }
+
   drawTarget(targetM) {
     place(this.target, targetM);
     place(this.success, targetM);
@@ -173,6 +198,7 @@ export class Scene {
     const { clientWidth: width, clientHeight: height } = this.container;
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
+    this.restsUntilMs = 0; // that has emptied the picture
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.request();
@@ -181,7 +207,17 @@ export class Scene {
   request() {
     this.pending ??= requestAnimationFrame(() => {
       this.pending = null;
+      const beganMs = performance.now();
+      if (beganMs < this.restsUntilMs) {
+        this.request();
+        return;
+      }
       this.render();
+      // Without a graphics chip a picture takes long, and the next moment comes only when it is done.
+      requestAnimationFrame(() => {
+        const nowMs = performance.now();
+        if (nowMs - beganMs > SLOW_MS) this.restsUntilMs = nowMs + Math.min(nowMs - beganMs, LONGEST_REST_MS);
+      });
     });
   }
 
@@ -203,6 +239,7 @@ export class Scene {
     const trackerPx = Math.max(NARROWEST_TRACKER_PX, widest);
     this.center.scale.setScalar(CENTER_PX * pixelM(this.center) * (trackerPx / WIDEST_TRACKER_PX));
     this.target.scale.setScalar(TARGET_PX * pixelM(this.target));
+    this.intercept.scale.setScalar(INTERCEPT_PX * pixelM(this.intercept));
     const namePx = spacingPx < LEAST_SPACING_WITH_NAMES_PX ? 0 : NAME_PX;
     for (const { body, setPoint, names } of this.trackers) {
       body.scale.setScalar(trackerPx * pixelM(body));
@@ -216,6 +253,14 @@ export class Scene {
 function place(object, point) {
   object.visible = Boolean(point);
   if (point) object.position.set(...point);
+}
+
+function turnArrow(arrow, fromM, velocityMps) {
+  const way = new THREE.Vector3(...velocityMps).multiplyScalar(ARROW_S);
+  const length = Math.max(way.length(), 0.01);
+  arrow.position.set(...fromM);
+  arrow.setDirection(way.clone().divideScalar(length));
+  arrow.setLength(length, 0.25 * length, 0.15 * length);
 }
 
 function boxEdges([west, south, low], [east, north, high]) {

@@ -4,6 +4,7 @@ import * as THREE from "./vendor/three.module.min.js";
 import { themeColor } from "./theme.js";
 
 const LABEL_PX = 64;
+const CIRCLE_POINTS = 48;
 
 // Lines between pairs of points.
 export function segments(color, opacity, isDashed = false) {
@@ -38,6 +39,21 @@ export function setPoints(object, points) {
 
 export function disc(color) {
   return new THREE.Sprite(new THREE.SpriteMaterial({ color, map: discTexture(), depthTest: false }));
+}
+
+// A ball of radius 1 that one sees through, with a circle about each axis; its matrix is set by the scene.
+export function ball(color) {
+  const skin = new THREE.MeshBasicMaterial({ color, transparent: true, opacity: 0.09, depthWrite: false });
+  const group = new THREE.Group();
+  group.add(withoutCulling(new THREE.Mesh(new THREE.SphereGeometry(1, 32, 20), skin)));
+  const turn = (index) => [Math.cos, Math.sin].map((of) => of((2 * Math.PI * index) / CIRCLE_POINTS));
+  for (const axis of [0, 1, 2]) {
+    const circle = polyline(color, 0.5);
+    setPoints(circle, Array.from({ length: CIRCLE_POINTS + 1 }, (_, index) => turn(index).toSpliced(axis, 0, 0)));
+    group.add(circle);
+  }
+  group.matrixAutoUpdate = false;
+  return group;
 }
 
 // Turned to the camera by the scene.

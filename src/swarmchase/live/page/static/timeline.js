@@ -1,5 +1,6 @@
 // Which moment is shown: the newest of a live chase, a past one, or the next of a replay.
 
+import { EventMarks } from "./event_marks.js";
 import { clock } from "./format.js";
 
 const PLAY_STEP_MS = 100;
@@ -15,6 +16,7 @@ export class Timeline {
     this.rate = root.querySelector("#rate");
     this.rateLabel = root.querySelector("#rate-label");
     this.liveButton = root.querySelector("#live");
+    this.marks = new EventMarks(root, (timeS) => this.goTo(timeS));
     this.isLive = true;
     this.isFollowing = true;
     this.isPlaying = false;
@@ -44,7 +46,8 @@ export class Timeline {
     if (!this.isFollowing && this.timeS !== null) this.ask(this.timeS);
   }
 
-  setRange(firstS, lastS) {
+  // events: all until lastS.
+  setRange(firstS, lastS, events) {
     this.firstS = firstS;
     this.lastS = lastS;
     this.slider.min = firstS;
@@ -57,6 +60,7 @@ export class Timeline {
       this.ask(firstS);
       this.play();
     }
+    this.marks.setEvents(events, firstS, lastS);
     this.draw();
   }
 
@@ -114,6 +118,7 @@ export class Timeline {
   draw() {
     if (this.timeS === null) return;
     this.slider.value = this.timeS;
+    this.marks.draw(this.timeS);
     document.body.dataset.past = String(this.isLive && !this.isFollowing);
     this.liveButton.setAttribute("aria-pressed", String(this.isFollowing));
     this.playButton.setAttribute("aria-pressed", String(this.isPlaying));

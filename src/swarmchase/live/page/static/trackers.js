@@ -3,17 +3,24 @@
 import { NOTHING, TRACKER_SIDES, age, agedBy, metres, number, setText, share, staleness } from "./format.js";
 
 const COLUMNS = {
-  mode: "mode", status: "status", position: "E N U, m", level: "level",
+  mode: "mode", status: "status", position: "E N U, m", level: "level", battery: "battery", gps: "GPS", heading: "heading",
   "rssi-age": "RSSI age", "position-age": "pos. age", loss: "loss", missing: "missing",
 };
+const HEALTH = ["battery", "gps", "heading"];
 const HIGH_SHARE = 0.2;
+const LOW_PERCENT = 25;
+// Of MAVLink's GPS_FIX_TYPE; below the fourth a place in space is not known.
+const FIXES = ["none", "none", "2D", "3D", "DGPS", "RTK float", "RTK", "static", "PPP"];
+const LEAST_FIX = 3;
 
 export class TrackerTable {
   constructor(table) {
+    this.table = table;
     this.rows = TRACKER_SIDES.map((side, index) => addRow(table.tBodies[0], side, index));
   }
 
   draw(frame, extraS) {
+    this.table.dataset.health = String(frame.trackers.some((tracker) => tracker.health));
     frame.trackers.forEach((tracker, index) => drawRow(this.rows[index], tracker, extraS));
   }
 }
@@ -38,6 +45,7 @@ function addRow(body, side, index) {
     cells[column].setAttribute("role", "cell");
     cells[column].dataset.column = column;
     cells[column].dataset.title = title;
+    if (HEALTH.includes(column)) cells[column].classList.add("health");
     if (!["mode", "status"].includes(column)) cells[column].classList.add("number");
   }
   cells.position.classList.add("wide");
@@ -73,9 +81,22 @@ function drawRow({ row, cells, detail }, tracker, extraS) {
   cells.loss.classList.toggle("warning", (tracker.loss_share ?? 0) > HIGH_SHARE);
   setText(cells.missing, share(tracker.missing_share));
   cells.missing.classList.toggle("warning", tracker.missing_share > HIGH_SHARE && stale !== "waiting");
+  drawHealth(cells, tracker.health);
   const more = details(tracker);
   detail.row.hidden = more === "";
   setText(detail.cell, more);
+}
+
+function drawHealth(cells, health) {
+  const percent = health?.battery_percent ?? null;
+  setText(cells.battery, percent === null ? NOTHING : `${percent} %`);
+  cells.battery.classList.toggle("warning", percent !== null && percent < LOW_PERCENT);
+  const fix = health?.gps_fix ?? null;
+  const satellites = health?.satellites ?? null;
+  setText(cells.gps, fix === null ? NOTHING : satellites === null ? FIXES[fix] : `${FIXES[fix]} ${satellites}`);
+  cells.gps.classList.toggle("warning", fix !== null && fix < LEAST_FIX);
+  const headingDeg = health?.heading_deg ?? null;
+  setText(cells.heading, headingDeg === null ? NOTHING : `${String(Math.round(headingDeg) % 360).padStart(3, "0")}°`);
 }
 
 function statusOf(tracker, stale) {

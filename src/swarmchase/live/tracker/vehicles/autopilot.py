@@ -13,9 +13,10 @@ import math
 from collections import Counter
 from typing import Any
 
-from ...link.messages import FARTHEST_M, Metres, Severity, TrackerMode, VehicleState
+from ...link.messages import FARTHEST_M, Health, Metres, Severity, TrackerMode, VehicleState
 from .firmware import Firmware
 from .frames import CoordinateFrame, LocalFrame
+from .health import MESSAGES, HealthReport
 from .heartbeat import AutopilotHeartbeat, heartbeat_of
 from .known_firmware import UNKNOWN
 from .landed_state import LandedState
@@ -71,6 +72,7 @@ class AutopilotVehicle:
         message_id = POSITION_MESSAGES[self._frame.position_message]
         self._positions = Wish(Wanted(message_id, POSITIONS_HZ, POSITION_STREAM))
         self._landed_states = Wish(Wanted(EXTENDED_SYS_STATE, LANDED_STATES_HZ))
+        self._health, self._healths = HealthReport(), {wanted.message_id: Wish(wanted) for wanted in MESSAGES}
         self._last_position_m: Metres | None = None
         self._position_ns = 0
         self._velocity_mps: Metres = (0.0, 0.0, 0.0)
@@ -114,6 +116,10 @@ class AutopilotVehicle:
             return VehicleState(is_armed=False, is_airborne=None, is_simulated=False)
         return VehicleState(beat.is_armed, self._landed.is_airborne, beat.is_simulated)
 
+    def health(self, tracker: int) -> Health | None:
+        """As it has said of late."""
+        return self._health.health(tracker, self._now_ns)
+
     def said(self) -> list[Said]:
         """Warnings and worse of the autopilot, and what it refuses."""
         return self._texts.taken()
@@ -139,7 +145,7 @@ class AutopilotVehicle:
             self._line.send(self._line.messages.heartbeat_encode(18, 8, 0, 0, 4))
         if self._heartbeat is None:
             return
-        for wish in (self._positions, self._landed_states):
+        for wish in self._wishes:
             if wish.is_due(now_ns):
                 self._ask_for(wish.wanted)
         if self.mode == TrackerMode.MANUAL:
@@ -154,6 +160,10 @@ class AutopilotVehicle:
     def close(self) -> None:
         """Close the transport; the autopilot does then what it does without a companion."""
         self._line.close()
+
+    @property
+    def _wishes(self) -> tuple[Wish, ...]:
+        return (self._positions, self._landed_states, *self._healths.values())
 
     @property
     def _beat_of_late(self) -> AutopilotHeartbeat | None:
@@ -180,6 +190,9 @@ class AutopilotVehicle:
         elif kind == "EXTENDED_SYS_STATE":
             self._landed_states.heard(self._now_ns)
             self._landed.take_up_landed_state(message.landed_state)
+        elif message.get_msgId() in self._healths:
+            self._healths[message.get_msgId()].heard(self._now_ns)
+            self._health.take_up(message, self._now_ns)
         elif kind == "STATUSTEXT":
             self._texts.take_up(message)
         elif kind == "COMMAND_ACK" and self._line.is_for_us(message):
@@ -216,7 +229,7 @@ class AutopilotVehicle:
         if result == UNSUPPORTED and command not in self._unsupported:
             self._unsupported.add(command)
             self._due_ns.pop("mode", None)
-            for wish in (self._positions, self._landed_states):
+            for wish in self._wishes:
                 wish.ask_again(self._now_ns)
         elif command == DO_SET_MODE and result in REFUSALS and beat is not None and self._keeper.refused():
             self._texts.say(Severity.ERROR, f"{beat.firmware.mode_name} is refused: {REFUSALS[result]}")

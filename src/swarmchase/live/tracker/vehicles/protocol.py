@@ -2,7 +2,7 @@
 
 from typing import Protocol, runtime_checkable
 
-from ...link.messages import Metres, Severity, TrackerMode, VehicleState
+from ...link.messages import Health, Metres, Severity, TrackerMode, VehicleState
 
 Said = tuple[Severity, str]
 """A line for people, and how much it matters."""
@@ -34,6 +34,11 @@ class Vehicle(Protocol):
     @property
     def state(self) -> VehicleState:
         """Beside the mode; not armed while that is not known."""
+
+    def health(self, tracker: int) -> Health | None:
+        """What its autopilot says of battery, satellites and heading, in this tracker's name; None where it has none or
+        says nothing of late.
+        """
 
     def said(self) -> list[Said]:
         """What it or its autopilot has told people since the last call: bounded, whatever an autopilot sends."""

@@ -8,7 +8,7 @@ from random import Random
 
 from ....errors import InputError
 from ....ranges import AT_LEAST_ZERO, POSITIVE, ranged, require_ranges
-from ...link.messages import Metres, PositionReport, TrackerMode, VehicleState
+from ...link.messages import Health, Metres, PositionReport, TrackerMode, VehicleState
 from .kind import VehicleDetails, VehicleKind
 from .protocol import Said
 
@@ -101,6 +101,10 @@ class SimulatedVehicle:
     def state(self) -> VehicleState:
         """In the air from the beginning."""
         return VehicleState(is_armed=True, is_airborne=True, is_simulated=True)
+
+    def health(self, tracker: int) -> Health | None:
+        """It has no autopilot."""
+        return None
 
     def said(self) -> list[Said]:
         """Nothing."""

@@ -22,6 +22,8 @@ class Wanted:
     rate_hz: float
     data_stream: int | None = None
     """MAV_DATA_STREAM: which of the streams of old brings it; None where none does for sure."""
+    over_s: float = RATE_OVER_S
+    """Over so long the rate is looked at."""
 
 
 class Wish:
@@ -29,7 +31,7 @@ class Wish:
 
     def __init__(self, wanted: Wanted) -> None:
         self.wanted = wanted
-        self._came_ns: deque[int] = deque(maxlen=round(RATE_OVER_S * wanted.rate_hz))
+        self._came_ns: deque[int] = deque(maxlen=round(wanted.over_s * wanted.rate_hz))
         self._pause_s = FIRST_PAUSE_S
         self._due_ns: int | None = None
 
@@ -46,7 +48,7 @@ class Wish:
             return False
         if now_ns < self._due_ns:
             return False
-        self._due_ns = now_ns + round(self._pause_s * 1e9)
+        self._due_ns = now_ns + round(max(self._pause_s, self.wanted.over_s) * 1e9)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
         return True
 
@@ -55,5 +57,5 @@ class Wish:
         self._due_ns, self._pause_s = now_ns, FIRST_PAUSE_S
 
     def _is_often(self, now_ns: int) -> bool:
-        recent = sum(now_ns - came_ns <= RATE_OVER_S * 1e9 for came_ns in self._came_ns)
-        return recent >= ENOUGH_SHARE * RATE_OVER_S * self.wanted.rate_hz
+        recent = sum(now_ns - came_ns <= self.wanted.over_s * 1e9 for came_ns in self._came_ns)
+        return recent >= ENOUGH_SHARE * self.wanted.over_s * self.wanted.rate_hz
