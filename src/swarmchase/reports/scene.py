@@ -34,7 +34,7 @@ def draw_scene(paths: FlightPaths, figure: Figure | None = None) -> NDArray[np.u
             FigureCanvasAgg(figure)
         figure.clear()
         plan_axes, height_axes = figure.subplots(2, 1, height_ratios=(3.2, 1), gridspec_kw=MARGINS)
-        set_view(plan_axes, paths, height_share=0.95)
+        set_view(plan_axes, paths.from_above_m, height_share=0.95)
         for style, place_m in ((CENTER_STYLE, paths.center_m), (TARGET_STYLE, paths.target_m)):
             for axes, way in (
                 (plan_axes, place_m[:, :2]),
