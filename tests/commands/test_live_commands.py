@@ -458,7 +458,7 @@ TRACKER = "tracker --number 3 --state-folder state --unsigned --controller 127.0
         (f"{SERVE} --unsigned --listen 127.0.0.1:0 --fence-west-m 500", "the fence is refused"),
         ("serve --controller oracle --unsigned --state-folder state", "the oracle knows where a simulated target is"),
         ("serve --controller nobody --unsigned --state-folder state", "no controller 'nobody'"),
-        ("serve --controller gradient --unsigned --scenario flight", "pace = 'listen_in_flight' is refused"),
+        ("serve --controller gradient --unsigned --scenario flight", "gradient is refused in flight: it has no belief"),
         (
             "serve --controller gradient --unsigned --listen 127.0.0.1:0 --state-folder broken",
             "broken/controller.epoch",

@@ -15,7 +15,7 @@ from .alarms import Alarm, condition_of, severity_of
 from .estimate import EstimateFrame, estimate_of
 from .events import Event, Events
 from .link.messages import Metres
-from .service.chase_state import Decision, PreflightCheck, Snapshot, TrackerSnapshot
+from .service.chase_state import Decision, FollowedShare, PreflightCheck, Snapshot, TrackerSnapshot
 from .service.sample_window import Points
 
 
@@ -115,6 +115,16 @@ class ChannelFrame(TypedDict):
     """0 where there is none."""
 
 
+class FollowingFrame(TypedDict):
+    """How well a target is followed: ``FollowedShare``."""
+
+    seconds: float
+    """Since it was first reached."""
+    share: float
+    """Of them, in which it was believed to be no further than ``within_m`` from the centre."""
+    within_m: float
+
+
 class Frame(TypedDict):
     """The chase at one moment."""
 
@@ -122,7 +132,7 @@ class Frame(TypedDict):
     """Since the service was started."""
     epoch: int
     state: str
-    """idle, connecting, sampling, moving, pursuing, holding, reached, lost, aborted."""
+    """idle, connecting, sampling, moving, pursuing, following, searching, holding, reached, lost, aborted."""
     reason: str
     """Of the last transition."""
     movements: int
@@ -153,6 +163,8 @@ class Frame(TypedDict):
     """When the chase was reached, lost or aborted, since the service was started."""
     preflight: list[PreflightFrame]
     """What was looked at before the start."""
+    following: FollowingFrame | None
+    """Null before a target that is to be followed was reached."""
 
 
 def frame_of(
@@ -190,6 +202,7 @@ def frame_of(
         channel=None if explanation is None or explanation.found is None else _channel(explanation.found),
         ended_s=None if ended_ns is None else _seconds(ended_ns, began_ns),
         preflight=[_check(check) for check in snapshot.preflight],
+        following=None if snapshot.following is None else _following(snapshot.following),
     )
 
 
@@ -231,6 +244,12 @@ def _channel(found: FoundChannel) -> ChannelFrame:
         left_out=list(found.left_out),
         fading_db=None if found.fading_db is None else round(found.fading_db, 1),
         shadowing_db=round(found.shadowing_db, 1),
+    )
+
+
+def _following(followed: FollowedShare) -> FollowingFrame:
+    return FollowingFrame(
+        seconds=round(followed.seconds, 3), share=round(followed.share, 4), within_m=followed.within_m
     )
 
 

@@ -26,7 +26,7 @@ from ..service.chase_state import ChaseState, Decision, Transition
 from ..service.safety import SafetyLimits
 from .json_forms import form_check
 
-LAYOUT = 3
+LAYOUT = 4
 """Of these forms. An older one is read (``layouts``), a newer one is not."""
 
 HEAD_TOPIC = "/chase/head"

@@ -13,7 +13,16 @@ _UNSAID = {"left_out": "", "notices": [], "dropped": {}}
 
 def renewal(layout: int) -> Callable[[Any], Any] | None:
     """What makes a frame of this layout one of this version; None where it is one."""
-    return {1: _with_events, 2: _with_channel}.get(layout)
+    return {1: _with_events, 2: _with_channel, 3: _with_following}.get(layout)
+
+
+def _with_following(frame: Any) -> Any:
+    """A frame of layout 3: nobody followed.
+
+    Raises:
+        TypeError: it is no such frame.
+    """
+    return frame | {"following": None}
 
 
 def _with_channel(frame: Any) -> Any:
@@ -22,7 +31,7 @@ def _with_channel(frame: Any) -> Any:
     Raises:
         TypeError: it is no such frame.
     """
-    return frame | {"channel": None}
+    return _with_following(frame) | {"channel": None}
 
 
 def _with_events(frame: Any) -> Any:
