@@ -25,7 +25,7 @@ from ...scenario import Scenario
 from .pace import Window
 from .sample_window import Levels, Point, Points
 
-LEAST_SHARE = 0.5
+LEAST_SHARE = 0.45
 """Of the belief that the swarm has passed within the success radius, on average over the last decisions."""
 
 
