@@ -138,9 +138,10 @@ class _Progress:
         listens = snapshot.state is ChaseState.SAMPLING or snapshot.state in IN_FLIGHT
         if self.movements_to_target is None and listens and truth is not None:
             self.movements_to_target = snapshot.movements if truth.is_reached else None
-        if snapshot.state not in {ChaseState.REACHED, ChaseState.FOLLOWING}:
+        says_so = snapshot.state in {ChaseState.REACHED, ChaseState.FOLLOWING}
+        if not says_so and snapshot.following is None:
             self.is_said_rightly = None
-        elif self.is_said_rightly is None and truth is not None:
+        elif says_so and self.is_said_rightly is None and truth is not None:
             self.is_said_rightly = truth.is_reached
 
 
