@@ -246,7 +246,7 @@ def test_a_chase_outlives_a_killed_service(site: Site) -> None:
     second.wait_for("sampling -> moving: movement 1")
     second.wait_for("sampling -> lost: 2 movements are spent")
     summary = second.result()
-    latencies = {"decision_latency_p50_ms", "decision_latency_p99_ms"}
+    latencies = {"decision_latency_p50_ms", "decision_latency_p99_ms", "following_share"}
     assert summary.keys() == {"state", "reason", "movements", "seconds", "rejected", "rejected_skew_s"} | latencies
     assert (summary["state"], summary["movements"]) == ("lost", 2)
     assert 0 < summary["decision_latency_p99_ms"] < 1000 * summary["seconds"]
