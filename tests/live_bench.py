@@ -31,7 +31,7 @@ from swarmchase.observation import Observation
 from swarmchase.scenario import NUM_TRACKERS, Scenario, paper_scenario
 from swarmchase.world.environment import Environment, State
 
-IDLE, CONNECTING, SAMPLING, MOVING, PURSUING, HOLDING, REACHED, LOST, ABORTED = ChaseState
+IDLE, CONNECTING, SAMPLING, MOVING, PURSUING, FOLLOWING, SEARCHING, HOLDING, REACHED, LOST, ABORTED = ChaseState
 STEP_S = 0.05
 SCENARIO = paper_scenario(window_samples=10)
 """Windows of a second."""

@@ -246,7 +246,7 @@ def test_a_chase_outlives_a_killed_service(site: Site) -> None:
     second.wait_for("sampling -> moving: movement 1")
     second.wait_for("sampling -> lost: 2 movements are spent")
     summary = second.result()
-    latencies = {"decision_latency_p50_ms", "decision_latency_p99_ms"}
+    latencies = {"decision_latency_p50_ms", "decision_latency_p99_ms", "following_share"}
     assert summary.keys() == {"state", "reason", "movements", "seconds", "rejected", "rejected_skew_s"} | latencies
     assert (summary["state"], summary["movements"]) == ("lost", 2)
     assert 0 < summary["decision_latency_p99_ms"] < 1000 * summary["seconds"]
@@ -457,7 +457,7 @@ TRACKER = "tracker --number 3 --state-folder state --unsigned --controller 127.0
         (f"{SERVE} --unsigned --listen 127.0.0.1:0 --fence-west-m 500", "the fence is refused"),
         ("serve --controller oracle --unsigned --state-folder state", "the oracle knows where a simulated target is"),
         ("serve --controller nobody --unsigned --state-folder state", "no controller 'nobody'"),
-        ("serve --controller gradient --unsigned --scenario flight", "pace = 'listen_in_flight' is refused"),
+        ("serve --controller gradient --unsigned --scenario flight", "gradient is refused in flight: it has no belief"),
         (
             "serve --controller gradient --unsigned --listen 127.0.0.1:0 --state-folder broken",
             "broken/controller.epoch",

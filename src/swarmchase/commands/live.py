@@ -50,17 +50,17 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
         from ..processes.stop_request import stop_request
         from ..simulation.fault_plan import fault_plan
         from ..simulation.live_chase import run_live_chase
-        from ..simulation.site import require_site, site_limits
+        from ..simulation.site import require_played, require_site, site_limits
         from .serve import ready_controller
 
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
         plan, scenario = fault_plan(self.faults), self.world()
         require_site(scenario)
+        require_played(scenario, plan)
         settings, name = self.settings(), self.controller
         controller = ready_controller(name, scenario, self.seed)
-        if scenario.pace == "listen_in_flight":
-            require_judged(controller, settings)
+        require_judged(scenario, controller, settings)
         audience = AudienceOptions(None if self.headless else self.page, self._log_path())
         assignment = Assignment(scenario, name, self.seed, self.chase, site_limits(scenario), settings, audience)
         words = [OperatorWords(STANDARD_INPUT).read]
@@ -84,6 +84,9 @@ def _table(summary: "LiveSummary") -> Table:
     table = Table(show_header=False)
     table.add_row("Ending", f"{summary.state}: {summary.reason}")
     table.add_row("Target", f"{summary.distance_m:.2f} m from the centre" + ("; reached" if summary.reached else ""))
+    if summary.following_share is not None:
+        truly = f" (truly {summary.true_following_share:.0%})" if summary.true_following_share is not None else ""
+        table.add_row("Followed", f"{summary.following_share:.0%} of the time since it was reached{truly}")
     table.add_row("Movements", f"{summary.movements}")
     table.add_row("Seconds", f"{summary.seconds:.0f}")
     if summary.decision_latency_p99_ms is not None:

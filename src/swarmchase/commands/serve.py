@@ -58,18 +58,15 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, Co
         from ..live.link.mavlink import ControllerMavlinkLink
         from ..live.link.state_file import CONTROLLER_FILE
         from ..live.service.operator_words import OperatorWords
+        from ..live.service.service import require_judged
         from ..live.service.state_folder import next_epoch
         from ..live.session import Assignment, Session
         from ..processes.stop_request import stop_request
 
         host, port = host_and_port(self.listen)
         scenario, limits, settings, keys = self.world(), self.limits(), self.settings(), self.read_keys()
-        if scenario.pace != "stop_and_listen":
-            raise InputError(
-                f"pace = {scenario.pace!r} is refused: so far only swarmchase live chases in flight, with "
-                "simulated trackers"
-            )
         controller = ready_controller(self.controller, scenario, self.seed)
+        require_judged(scenario, controller, settings)
         audience = AudienceOptions(self.page, self.log)
         assignment = Assignment(scenario, self.controller, self.seed, 0, limits, settings, audience)
         folder = self.folder()

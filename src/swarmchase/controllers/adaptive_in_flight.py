@@ -183,7 +183,7 @@ class AdaptiveInFlightController:
 
     def belief(self, memory: AdaptiveInFlightMemory) -> Belief:
         """As ``belief.Believing``."""
-        return belief_of_particles(memory.position_m)
+        return belief_of_particles(memory.position_m, velocity_mps=memory.velocity_mps)
 
     def findings(self, memory: AdaptiveInFlightMemory) -> InFlightFindings:
         """What the memory that ``decide`` returned says of each chase besides the target's place."""

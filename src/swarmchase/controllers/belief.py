@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..batch.array_types import Bool, Float, Tensor
+from ..flight import least_m
 
 REGION_SHARE = 0.95
 """Of the belief, inside its region."""
@@ -22,7 +23,7 @@ GAUSSIAN_REACH = 7.814728
 """The quantile of the chi-squared distribution with three degrees of freedom: squared standard deviations."""
 LEAST_VARIANCE_M2 = 1e-6
 """On every axis: what is known better than to a millimetre counts as known to a millimetre."""
-SHARE_POINTS, SHARE_SEED = 2000, 1 << 61
+SHARE_POINTS, SHARE_SEED = 500, 1 << 61
 """Points of a standard normal by which it is counted how much of a belief lies somewhere; always the same ones."""
 
 
@@ -35,6 +36,8 @@ class Belief:
     """Positive definite."""
     reach: Float[Tensor, "chase"]
     """What squared Mahalanobis distance from the mean the region goes to; ``GAUSSIAN_REACH`` of a Gaussian belief."""
+    velocity_mps: Float[Tensor, "chase 3"] | None = None
+    """Of the target, on average; None where it is taken to stand."""
 
     def holds(self, position_m: Float[Tensor, "chase 3"]) -> Bool[Tensor, "chase"]:
         """Whether these places are inside the region."""
@@ -47,12 +50,26 @@ class Belief:
         error_m: Tensor = torch.linalg.vector_norm(position_m - self.mean_m, dim=1)
         return error_m
 
-    def share_within(self, center_m: Float[Tensor, "chase 3"], radius_m: float) -> Float[Tensor, "chase"]:
-        """How much of the belief is at most so far from these places, as if it were Gaussian."""
-        root_m = torch.linalg.cholesky(self.covariance_m2)
-        apart_m = (self.mean_m - center_m)[:, None] + _normal_points() @ root_m.mT
-        within: Tensor = torch.linalg.vector_norm(apart_m, dim=2) <= radius_m
-        return within.double().mean(dim=1)
+    def from_target_m(
+        self, center_m: Float[Tensor, "chase moment 3"], age_s: Float[Tensor, "chase moment"]
+    ) -> Float[Tensor, "chase moment 3"]:
+        """How far a way through these places, so long ago, was from a target at the mean that has flown straight on."""
+        apart_m = center_m - self.mean_m[:, None]
+        return apart_m if self.velocity_mps is None else apart_m + self.velocity_mps[:, None] * age_s[..., None]
+
+    def share_passed(
+        self, center_m: Float[Tensor, "chase moment 3"], age_s: Float[Tensor, "chase moment"], radius_m: float
+    ) -> Float[Tensor, "chase"]:
+        """How much of the belief was at some moment at most so far from a way, as if the belief were Gaussian.
+
+        Args:
+            center_m: the way, straight between two or more places.
+            age_s: how long before the last sample it was at each of them. Until then the target has flown straight.
+        """
+        points_m = _normal_points() @ torch.linalg.cholesky(self.covariance_m2).mT
+        apart_m = self.from_target_m(center_m, age_s)[:, None] - points_m[:, :, None]
+        within: Tensor = least_m(apart_m.flatten(0, 1)) <= radius_m
+        return within.view(len(center_m), -1).double().mean(dim=1)
 
     @property
     def radius_m(self) -> Float[Tensor, "chase"]:
@@ -70,9 +87,15 @@ class Believing(Protocol):
 
 
 def belief_of_particles(
-    position_m: Float[Tensor, "chase 3 particle"], weight: Float[Tensor, "chase particle"] | None = None
+    position_m: Float[Tensor, "chase 3 particle"],
+    weight: Float[Tensor, "chase particle"] | None = None,
+    velocity_mps: Float[Tensor, "chase 3 particle"] | None = None,
 ) -> Belief:
-    """The belief of particles with these weights, which add up to 1; None where all weigh the same."""
+    """The belief of particles with these weights, which add up to 1; None where all weigh the same.
+
+    Args:
+        velocity_mps: of particles that fly, which all weigh the same.
+    """
     position_m = position_m.float()
     share = torch.full_like(position_m[:, 0], 1 / position_m.shape[2]) if weight is None else weight.float()
     # Sums of products throughout: a product of matrices rounds otherwise in another batch.
@@ -85,7 +108,8 @@ def belief_of_particles(
     covariance_m2 = covariance_m2 + LEAST_VARIANCE_M2 * torch.eye(3, dtype=torch.float64, device=position_m.device)
     squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
     reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
-    return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2))
+    mean_mps = None if velocity_mps is None else velocity_mps.double().mean(dim=2)
+    return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2), mean_mps)
 
 
 @functools.cache

@@ -137,7 +137,7 @@ class MovingParticleController:
 
     def belief(self, memory: MovingParticleMemory) -> Belief:
         """The particles."""
-        return belief_of_particles(memory.position_m)
+        return belief_of_particles(memory.position_m, velocity_mps=memory.velocity_mps)
 
     def explain(self, observation: Observation, memory: MovingParticleMemory) -> Explanation:
         """Some of the particles, what each choice is worth to all of them, and how fast they are."""

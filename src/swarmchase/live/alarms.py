@@ -177,6 +177,8 @@ class Alarms:
 
 
 def _of_state(snapshot: Snapshot) -> Iterator[Alarm]:
+    if snapshot.state is ChaseState.SEARCHING:
+        yield Alarm("target", snapshot.reason, is_news=False)
     if snapshot.state is ChaseState.HOLDING and not snapshot.reason.startswith("the operator"):
         yield Alarm("holding", f"all hold: {snapshot.reason}", Severity.CRITICAL, is_news=False)
 

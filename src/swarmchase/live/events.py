@@ -99,9 +99,9 @@ def _news(alarm: Alarm) -> str:
 
 
 def _severity(transition: Transition) -> Severity:
-    if transition.after is ChaseState.REACHED:
+    if transition.after in {ChaseState.REACHED, ChaseState.FOLLOWING}:
         return Severity.SUCCESS
-    if transition.after in {ChaseState.LOST, ChaseState.ABORTED}:
+    if transition.after in {ChaseState.LOST, ChaseState.ABORTED, ChaseState.SEARCHING}:
         return Severity.WARNING
     if transition.after is ChaseState.HOLDING and not transition.reason.startswith("the operator"):
         return Severity.CRITICAL

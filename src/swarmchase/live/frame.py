@@ -17,7 +17,7 @@ from .estimate import EstimateFrame, estimate_of
 from .events import Event, Events
 from .interception import InterceptionFrame, flown_mps, interception
 from .link.messages import Health, Metres
-from .service.chase_state import Decision, PreflightCheck, Snapshot, TrackerSnapshot
+from .service.chase_state import Decision, FollowedShare, PreflightCheck, Snapshot, TrackerSnapshot
 from .service.sample_window import Points
 
 
@@ -141,6 +141,16 @@ class TrackFrame(TypedDict):
     """Of the belief, within the success radius of the centre; null where that is not judged."""
 
 
+class FollowingFrame(TypedDict):
+    """How well a target is followed: ``FollowedShare``."""
+
+    seconds: float
+    """Since it was first reached."""
+    share: float
+    """Of them, in which it was believed to be no further than ``within_m`` from the centre."""
+    within_m: float
+
+
 class Frame(TypedDict):
     """The chase at one moment."""
 
@@ -186,6 +196,8 @@ class Frame(TypedDict):
     """Of the belief, within the success radius of the centre at the last decision; null where that is not judged."""
     track: TrackFrame
     """Empty where the trackers stop to listen."""
+    following: FollowingFrame | None
+    """Null before a target that is to be followed was reached."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +255,7 @@ def frame_of(
         interception=_interception(snapshot, estimate),
         share_within=_share(snapshot.share_within),
         track=_track(track, began_ns),
+        following=None if snapshot.following is None else _following(snapshot.following),
     )
 
 
@@ -319,6 +332,12 @@ def _channel(found: FoundChannel) -> ChannelFrame:
         left_out=list(found.left_out),
         fading_db=None if found.fading_db is None else round(found.fading_db, 1),
         shadowing_db=round(found.shadowing_db, 1),
+    )
+
+
+def _following(followed: FollowedShare) -> FollowingFrame:
+    return FollowingFrame(
+        seconds=round(followed.seconds, 3), share=round(followed.share, 4), within_m=followed.within_m
     )
 
 

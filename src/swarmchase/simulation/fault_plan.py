@@ -15,7 +15,8 @@ from .faulty_path import Faults
 
 HELP = (
     "loss=SHARE, burst=SHARE (in bursts of ten), delay=SECONDS, jitter=SECONDS, duplicate=SHARE, reorder=SHARE, "
-    "replay=SHARE, outage=START-END, forge=PER_SECOND (forged datagrams), and for one tracker 0 to 5: silent, stuck, "
+    "replay=SHARE, outage=START-END, forge=PER_SECOND (forged datagrams), mute, lands=START-END (a target in flight), "
+    "second=METRES (another transmitter, that far east of its start), and for one tracker 0 to 5: silent, stuck, "
     "garbage, wrong, deaf, loud, delayed, intermittent=TRACKER@START[-END] (its receiver), offset, origin, stays, "
     "fence=TRACKER@START[-END] (its vehicle), slow, frozen=TRACKER@START[-END] (its process), kill, "
     "restart=TRACKER@START"
@@ -56,6 +57,24 @@ class VehicleFault(StrEnum):
     """Drops commands to places more than 30 m from the origin on any axis: it flies where it was told last."""
 
 
+class TargetFault(StrEnum):
+    """What a target in flight does instead of what its behaviour says."""
+
+    MUTE = "mute"
+    """Transmits nothing."""
+    LANDS = "lands"
+    """Sinks to the lowest altitude at which it flies, and stays there."""
+
+
+@dataclass(frozen=True)
+class TargetSpell:
+    """A fault of the target, from ``start_s`` to ``end_s``."""
+
+    fault: TargetFault
+    start_s: float
+    end_s: float
+
+
 class ProcessFault(StrEnum):
     """What happens to a tracker's process."""
 
@@ -94,6 +113,14 @@ class FaultPlan:
     forged_hz: float = 0.0
     """Datagrams a second that somebody sends to the controller in the trackers' names."""
     trackers: tuple[TrackerFault, ...] = ()
+    target: tuple[TargetSpell, ...] = ()
+    second_m: float | None = None
+    """So far east of the target's start another transmitter stands, as strong and at the same frequency: receivers
+    hear both at once. None: there is none."""
+
+    def of_target(self, chase_s: float) -> frozenset[TargetFault]:
+        """What the target does at this moment."""
+        return frozenset(one.fault for one in self.target if one.start_s <= chase_s < one.end_s)
 
     def of_receiver(self, tracker: int, chase_s: float) -> ReceiverFault | None:
         """What is wrong with this receiver at this moment; the last one named where there are several."""
@@ -172,6 +199,23 @@ def _outage(plan: FaultPlan, value: str) -> FaultPlan:
     return replace(plan, link=replace(plan.link, outages_s=(*plan.link.outages_s, (float(start), float(end)))))
 
 
+def _of_target(fault: TargetFault) -> Callable[[FaultPlan, str], FaultPlan]:
+    def change(plan: FaultPlan, value: str) -> FaultPlan:
+        start, dash, end = value.partition("-")
+        if not dash or not 0 <= float(start) < float(end):
+            raise ValueError(value)
+        return replace(plan, target=(*plan.target, TargetSpell(fault, float(start), float(end))))
+
+    return change
+
+
+def _second(plan: FaultPlan, value: str) -> FaultPlan:
+    second_m = float(value)
+    if not 0 < second_m < math.inf:
+        raise InputError(f"second = {value} is refused: allowed is greater than 0")
+    return replace(plan, second_m=second_m)
+
+
 def _forge(plan: FaultPlan, value: str) -> FaultPlan:
     forged_hz = float(value)
     if not 0 <= forged_hz <= MOST_FORGED_HZ:
@@ -207,5 +251,7 @@ _WORDS: dict[str, Callable[[FaultPlan, str], FaultPlan]] = {
     "replay": _of_link("replay"),
     "outage": _outage,
     "forge": _forge,
+    "second": _second,
+    **{str(fault): _of_target(fault) for fault in TargetFault},
     **{str(fault): _of_tracker(fault) for kind in (ReceiverFault, VehicleFault, ProcessFault) for fault in kind},
 }

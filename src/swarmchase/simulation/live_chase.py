@@ -18,7 +18,7 @@ from ..live.link.keys import new_keys, write_keys
 from ..live.link.mavlink import ControllerMavlinkLink
 from ..live.link.messages import Metres
 from ..live.link.state_file import CONTROLLER_FILE
-from ..live.service.chase_state import ChaseState, Snapshot
+from ..live.service.chase_state import IN_FLIGHT, ChaseState, Snapshot
 from ..live.service.loop import ServeSummary, Tell, Words
 from ..live.service.state_folder import next_epoch
 from ..live.session import Assignment, Session
@@ -45,6 +45,8 @@ class LiveSummary(ServeSummary):
     """When the centre first was within the success radius; None where it never was."""
     capture_s: float | None
     """The same in seconds since a target that flies began to; None where it never was, or stands."""
+    true_following_share: float | None
+    """Of the time since then, in which the centre truly was as near as one that follows; None before."""
 
 
 class StageProcess:
@@ -68,7 +70,7 @@ class StageProcess:
         other_end.close()
         self.truth: Truth | None = None
         self._is_ready = False
-        self._announced_ns: int | None = None
+        self._announced: tuple[int | None, float | None, float] | None = None
 
     def wait(self) -> None:
         """Until all trackers are there, or the request is made."""
@@ -82,10 +84,11 @@ class StageProcess:
         """Hear what it says, and tell it where the service's window begins."""
         self._hear(0.0)
         since_ns, center_m, spacing_m = snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m
-        if since_ns not in {None, self._announced_ns} and center_m is not None and spacing_m is not None:
-            self._announced_ns = since_ns
+        told = since_ns, spacing_m, snapshot.turned_rad
+        if told != self._announced and since_ns is not None and center_m is not None and spacing_m is not None:
+            self._announced = told
             with self._telling_its_death():
-                self._connection.send(Announcement(since_ns, center_m, spacing_m))
+                self._connection.send(Announcement(since_ns, center_m, spacing_m, snapshot.turned_rad))
 
     def close(self) -> None:
         """End it and all of its processes."""
@@ -132,12 +135,13 @@ class _Progress:
 
     def __call__(self, snapshot: Snapshot, decision_latency_s: float | None) -> None:
         truth = self._stage.truth
-        listens = snapshot.state in {ChaseState.SAMPLING, ChaseState.PURSUING}
+        listens = snapshot.state is ChaseState.SAMPLING or snapshot.state in IN_FLIGHT
         if self.movements_to_target is None and listens and truth is not None:
             self.movements_to_target = snapshot.movements if truth.is_reached else None
-        if snapshot.state is not ChaseState.REACHED:
+        says_so = snapshot.state in {ChaseState.REACHED, ChaseState.FOLLOWING}
+        if not says_so and snapshot.following is None:
             self.is_said_rightly = None
-        elif self.is_said_rightly is None and truth is not None:
+        elif says_so and self.is_said_rightly is None and truth is not None:
             self.is_said_rightly = truth.is_reached
 
 
@@ -212,4 +216,7 @@ def _summary(summary: ServeSummary, stage: StageProcess, progress: _Progress) ->
         distance_m=float("inf") if truth is None else round(truth.distance_m, 3),
         movements_to_target=progress.movements_to_target,
         capture_s=None if truth is None or truth.capture_s is None else round(truth.capture_s, 3),
+        true_following_share=None
+        if truth is None or truth.following_share is None
+        else round(truth.following_share, 4),
     )

@@ -7,7 +7,8 @@ from random import Random
 
 import torch
 
-from ..formation import TRACKER_DIRECTION
+from ..errors import InputError
+from ..formation import TRACKER_DIRECTION, turned_direction
 from ..live.link.messages import Metres
 from ..live.service.safety import SafetyLimits
 from ..live.tracker.agent import AgentSettings
@@ -47,7 +48,10 @@ class Site:
     ) -> None:
         flies = scenario.pace == "listen_in_flight"
         self._success_radius_m = scenario.success_radius_m
-        self.radio = RadioInFlight(scenario, seed, chase) if flies else Radio(scenario, seed, chase)
+        self._plan = plan or FaultPlan()
+        require_played(scenario, self._plan)
+        second_m = self._plan.second_m
+        self.radio = RadioInFlight(scenario, seed, chase, second_m) if flies else Radio(scenario, seed, chase)
         places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
         limits = _vehicle_limits(scenario)
         self.vehicles = vehicles or [SimulatedVehicle((x_m, y_m, z_m), limits) for x_m, y_m, z_m in places_m]
@@ -57,12 +61,11 @@ class Site:
             for tracker, vehicle in enumerate(self.vehicles)
         ]
         """The same as their agents have them."""
-        self._plan = plan or FaultPlan()
         self._start_ns: int | None = None
         self._now_ns = 0
         self._period_ns = 1e9 / scenario.sampling_hz
         self._taken = 0
-        self._spacing_m = scenario.initial_spacing_m
+        self._spacing_m, self._turned_rad = scenario.initial_spacing_m, 0.0
         self._receivers = [FailingReceiver(Random(f"{seed} {chase} {tracker}")) for tracker in range(NUM_TRACKERS)]
 
     def begin(self, now_ns: int) -> None:
@@ -88,7 +91,8 @@ class Site:
         self._fly(time_ns)
         position_m = torch.tensor(self.positions_m(), dtype=torch.float64)
         if isinstance(self.radio, RadioInFlight):
-            heard_dbm = self.radio.heard_dbm(time_ns, position_m, self._swarm())
+            faults = self._plan.of_target(after_ns / 1e9)
+            heard_dbm = self.radio.heard_dbm(time_ns, position_m, self._swarm(), faults)
         else:
             heard_dbm = self.radio.heard_dbm(time_ns, position_m)
         for tracker, level_dbm in enumerate(heard_dbm):
@@ -104,9 +108,11 @@ class Site:
         """Where the vehicles are."""
         return [vehicle.true_position_m for vehicle in self.vehicles]
 
-    def announce(self, since_ns: int, center_m: Metres, spacing_m: float) -> None:
-        """The controller's next window is of what is sampled from this moment on, in this formation."""
-        self._spacing_m = spacing_m
+    def announce(self, since_ns: int, center_m: Metres, spacing_m: float, turned_rad: float = 0.0) -> None:
+        """The controller's next window is of what is sampled from this moment on, in this formation; in flight also
+        what it looks like now.
+        """
+        self._spacing_m, self._turned_rad = spacing_m, turned_rad
         self.radio.announce(since_ns, center_m)
 
     def _swarm(self) -> Swarm:
@@ -134,14 +140,29 @@ class Site:
             return self.radio.reached_s
         return None
 
+    @property
+    def just_now_m(self) -> float:
+        """How near the centre was just now; in the paper's world, is."""
+        return self.radio.just_now_m if isinstance(self.radio, RadioInFlight) else self.distance_to_target_m()
+
+    @property
+    def flown_s(self) -> float | None:
+        """So long a target that flies has done so; None of one that stands."""
+        return self.radio.now_s if isinstance(self.radio, RadioInFlight) else None
+
+    @property
+    def following_share(self) -> float | None:
+        """See ``RadioInFlight``; None of a target that stands."""
+        return self.radio.following_share if isinstance(self.radio, RadioInFlight) else None
+
     def _center_m(self) -> list[float]:
         """Where most vehicles' places in the last announced formation say that its centre is: one that has been left
         behind, or two, do not count.
         """
-        return [
-            statistics.median(at_m - self._spacing_m * direction for at_m, direction in zip(*axis, strict=True))
-            for axis in zip(zip(*self.positions_m(), strict=True), TRACKER_DIRECTION.T.tolist(), strict=True)
-        ]
+        position_m = torch.tensor(self.positions_m(), dtype=torch.float64)
+        turned_rad = torch.tensor(self._turned_rad, dtype=torch.float64)
+        claimed_m = position_m - self._spacing_m * turned_direction(turned_rad)
+        return [statistics.median(axis) for axis in claimed_m.T.tolist()]
 
     def _fly(self, until_ns: int) -> None:
         for vehicle in self.vehicles:
@@ -172,6 +193,16 @@ def require_site(scenario: Scenario) -> None:
         require_simulated(scenario)
     else:
         require_flight(scenario)
+
+
+def require_played(scenario: Scenario, plan: FaultPlan) -> None:
+    """Refuse faults of targets in flight where the target stands.
+
+    Raises:
+        InputError: there is such a one.
+    """
+    if scenario.pace == "stop_and_listen" and (plan.target or plan.second_m is not None):
+        raise InputError("the faults mute, lands and second are refused: they are of targets in flight")
 
 
 def site_limits(scenario: Scenario) -> SafetyLimits:

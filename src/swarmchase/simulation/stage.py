@@ -36,11 +36,12 @@ READY_S = 60.0
 
 @dataclass(frozen=True)
 class Announcement:
-    """To the stage: the controller's next window."""
+    """To the stage: the controller's next window, or how the formation looks in flight."""
 
     since_ns: int
     center_m: Metres
     spacing_m: float
+    turned_rad: float
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ class Truth:
     is_reached: bool
     """See ``Site.is_reached``,"""
     capture_s: float | None
-    """and ``Site.capture_s``."""
+    """and ``Site.capture_s``,"""
+    following_share: float | None
+    """and ``Site.following_share``."""
 
 
 @dataclass(frozen=True)
@@ -185,14 +188,17 @@ class _Stage:
         if now_ns - self._told_ns >= TRUTH_PERIOD_S * 1e9:
             self._told_ns = now_ns
             site = self._site
-            truth = Truth(site.radio.target_m, site.distance_to_target_m(), site.is_reached(), site.capture_s)
+            distance_m, is_reached = site.distance_to_target_m(), site.is_reached()
+            truth = Truth(site.radio.target_m, distance_m, is_reached, site.capture_s, site.following_share)
             self._connection.send(truth)
 
     def _hears_the_end(self) -> bool:
         try:
             while self._connection.poll():
                 announcement: Announcement = self._connection.recv()
-                self._site.announce(announcement.since_ns, announcement.center_m, announcement.spacing_m)
+                self._site.announce(
+                    announcement.since_ns, announcement.center_m, announcement.spacing_m, announcement.turned_rad
+                )
         except (EOFError, OSError):
             return True
         return False

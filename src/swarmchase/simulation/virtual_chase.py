@@ -14,7 +14,7 @@ from ..live.clock import Clock, VirtualClock
 from ..live.link.keys import KEY_BYTES
 from ..live.link.mavlink import ControllerMavlinkLink, TrackerMavlinkLink
 from ..live.link.messages import Metres
-from ..live.service.chase_state import UNDER_WAY, ChaseState, Decision, Snapshot, Transition
+from ..live.service.chase_state import IN_FLIGHT, UNDER_WAY, ChaseState, Decision, Snapshot, Transition
 from ..live.service.safety import SafetyLimits
 from ..live.service.service import ControllerService, Recorder
 from ..live.service.settings import ServiceSettings
@@ -52,6 +52,12 @@ class VirtualResult:
     """When the centre first was within the success radius; None where it never was."""
     capture_s: float | None
     """When the centre first was there, since a target that flies began to; None where it never was, or stands."""
+    flown_s: float | None
+    """So long a target that flies had done so at the end; None of one that stands."""
+    said_distance_m: float
+    """How near the centre was to the target just before the chase ended: see ``Site.just_now_m``."""
+    following_share: float | None
+    """See ``Site.following_share``."""
     least_separation_m: float
     """Of any two vehicles, where they truly were."""
     seconds: float
@@ -126,7 +132,7 @@ class VirtualChase:
         """None where its process is dead."""
         self._has_decided = False
         self.link, self.service = self._begun_service(epoch=1)
-        self._announced_ns: int | None = None
+        self._announced: tuple[int | None, float | None, float] | None = None
         self._ticks = 0
         self._latency_s: list[float] = []
         self._movements_to_target: int | None = None
@@ -151,6 +157,9 @@ class VirtualChase:
             movements=snapshot.movements,
             movements_to_target=self._movements_to_target,
             capture_s=self.site.capture_s,
+            flown_s=self.site.flown_s,
+            said_distance_m=self.site.just_now_m,
+            following_share=self.site.following_share,
             least_separation_m=self._least_separation_m,
             seconds=self._seconds(),
             rejected=dict(Counter(self.link.rejected)),
@@ -185,13 +194,14 @@ class VirtualChase:
         if self._has_decided:
             self._latency_s.append(time.perf_counter() - began_s)
         snapshot = self.service.snapshot()
-        if snapshot.window_since_ns is not None and snapshot.window_since_ns != self._announced_ns:
+        told = snapshot.window_since_ns, snapshot.spacing_m, snapshot.turned_rad
+        if snapshot.window_since_ns is not None and told != self._announced:
             assert snapshot.center_m is not None
             assert snapshot.spacing_m is not None
-            self._announced_ns = snapshot.window_since_ns
-            self.site.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m)
+            self._announced = told
+            self.site.announce(snapshot.window_since_ns, snapshot.center_m, snapshot.spacing_m, snapshot.turned_rad)
             self._note_reached(snapshot)
-        elif snapshot.state is ChaseState.PURSUING:
+        elif snapshot.state in IN_FLIGHT:
             self._note_reached(snapshot)
         self._watch(snapshot)
 

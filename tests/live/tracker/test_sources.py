@@ -442,7 +442,7 @@ ANY_JSON = st.recursive(
 def test_any_line_is_a_record_or_is_none(line: bytes) -> None:
     record = parse_record(line, Rejected())
     if record is not None:
-        rssi_dbm, time_ns = record
+        rssi_dbm, time_ns, _ = record
         assert isinstance(rssi_dbm, float)
         assert time_ns is None or 0 <= time_ns < 2**63
 

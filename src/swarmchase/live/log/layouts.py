@@ -13,11 +13,12 @@ _UNSAID = {"left_out": "", "notices": [], "dropped": {}}
 
 def renewal(layout: int) -> Callable[[Any], Any] | None:
     """What makes a frame of this layout one of this version; None where it is one."""
-    return {1: _with_events, 2: _with_channel, 3: _with_track}.get(layout)
+    return {1: _with_events, 2: _with_channel, 3: _with_flight}.get(layout)
 
 
-def _with_track(frame: Any) -> Any:
-    """A frame of layout 3: it did not say how fast the target is, what was believed before, and what autopilots tell.
+def _with_flight(frame: Any) -> Any:
+    """A frame of layout 3: it did not say how fast the target is, what was believed before, who is
+    followed, and what autopilots tell.
 
     Raises:
         KeyError, TypeError, ValueError: it is no such frame.
@@ -29,6 +30,7 @@ def _with_track(frame: Any) -> Any:
         "estimate": estimate,
         "interception": None,
         "share_within": None,
+        "following": None,
         "track": {"time_s": [], "target_m": [], "radius_m": [], "share_within": []},
         "trackers": [tracker | {"health": None} for tracker in frame["trackers"]],
     }
@@ -40,7 +42,7 @@ def _with_channel(frame: Any) -> Any:
     Raises:
         KeyError, TypeError, ValueError: it is no such frame.
     """
-    return _with_track(frame | {"channel": None})
+    return _with_flight(frame | {"channel": None})
 
 
 def _with_events(frame: Any) -> Any:

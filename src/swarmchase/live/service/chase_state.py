@@ -23,6 +23,10 @@ class ChaseState(Enum):
     """They are on their way."""
     PURSUING = "pursuing"
     """They fly and are listened to at once."""
+    FOLLOWING = "following"
+    """The same, with a target that has been reached: they stay with it."""
+    SEARCHING = "searching"
+    """The same, looking for a target that is lost."""
     HOLDING = "holding"
     """They stay where they are told to be until the cause is gone."""
     REACHED = "reached"
@@ -35,7 +39,9 @@ class ChaseState(Enum):
 
 ENDED = frozenset({ChaseState.REACHED, ChaseState.LOST, ChaseState.ABORTED})
 """In these a chase has a result."""
-LED = frozenset({ChaseState.SAMPLING, ChaseState.MOVING, ChaseState.PURSUING})
+IN_FLIGHT = frozenset({ChaseState.PURSUING, ChaseState.FOLLOWING, ChaseState.SEARCHING})
+"""In these trackers never stop to listen."""
+LED = IN_FLIGHT | {ChaseState.SAMPLING, ChaseState.MOVING}
 """In these trackers are led towards the target."""
 UNDER_WAY = LED | {ChaseState.CONNECTING, ChaseState.HOLDING}
 """From these a chase can still be held or declared reached."""
@@ -120,6 +126,17 @@ class PreflightCheck:
 
 
 @dataclass(frozen=True)
+class FollowedShare:
+    """How well a target is followed."""
+
+    seconds: float
+    """Since it was first reached."""
+    share: float
+    """Of them, in which it was believed to be no further than ``within_m`` from the centre."""
+    within_m: float
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """The service at one moment."""
 
@@ -139,7 +156,7 @@ class Snapshot:
     explanation: Explanation | None
     """Of the last movement, where the controller can explain itself."""
     window_since_ns: int | None
-    """In SAMPLING: the window begins with the first valid sample taken then or later. In PURSUING: so does the first of
+    """In SAMPLING: the window begins with the first valid sample taken then or later. IN_FLIGHT: so does the first of
     all windows."""
     recorder_failures: int
     """How often the recorder has failed."""
@@ -151,3 +168,7 @@ class Snapshot:
     """What the controller says of itself, after its last decision."""
     share_within: float | None = None
     """Of the belief, within the success radius of the centre, after the last decision in flight."""
+    turned_rad: float = 0.0
+    """How far the formation's cross has turned."""
+    following: FollowedShare | None = None
+    """Since a target that is followed was first reached; None before."""

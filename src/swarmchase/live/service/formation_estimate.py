@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from .safety import TRACKER_DIRECTION
+from .safety import TRACKER_DIRECTION, cross
 from .sample_window import Flags, Levels, Point, Points
 
 TrackerNumbers = npt.NDArray[np.int64]
@@ -34,9 +34,9 @@ class FormationEstimate:
     """Which trackers are where the others of them say [tracker]; nobody where most of them contradict one another."""
 
 
-def claimed_centers_m(position_m: Points, spacing_m: float) -> Points:
-    """Where each tracker's place says that the centre is [tracker, 3]."""
-    return position_m - spacing_m * TRACKER_DIRECTION
+def claimed_centers_m(position_m: Points, spacing_m: float, turned_rad: float = 0.0) -> Points:
+    """Where each tracker's place says that the centre is [tracker, 3], the cross having turned so far."""
+    return position_m - spacing_m * cross(turned_rad)
 
 
 def median_m(point_m: Points) -> Point:

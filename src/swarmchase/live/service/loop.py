@@ -66,6 +66,9 @@ class ServeSummary:
     decision_latency_p50_ms: float | None
     """See ``ServeLoop.step``; None without a decision."""
     decision_latency_p99_ms: float | None
+    following_share: float | None
+    """Of the time since a target that is followed was first reached, in which it was believed to be near; None where
+    none was."""
 
 
 class ServeLoop:
@@ -129,6 +132,7 @@ class ServeLoop:
             rejected_skew_s=self._link.rejections.skew_s(),
             decision_latency_p50_ms=percentile_ms(self._latency_s, 50),
             decision_latency_p99_ms=percentile_ms(self._latency_s, 99),
+            following_share=None if snapshot.following is None else round(snapshot.following.share, 4),
         )
 
     def _listen_until_next(self, ticker: Ticker) -> None:

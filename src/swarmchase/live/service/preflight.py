@@ -13,8 +13,8 @@ from .chase_state import PreflightCheck, TrackerSnapshot
 from .formation_estimate import ASTRAY_M
 from .limit_values import LimitValues
 
-LEAST_POSITION_HZ = 4.0
-"""Positions come ten times a second; a vehicle of 5 m/s flies more than a metre between two where they are rarer."""
+LEAST_POSITION_HZ, LEAST_POSITION_HZ_IN_FLIGHT = 4.0, 10.0
+"""A vehicle of 5 m/s, or in flight of 10 m/s, flies more than a metre between two positions where they are rarer."""
 MOST_CLOCK_AHEAD_S = 1.0
 """What a clock that is further ahead is sent, it takes for older than it is."""
 FENCE = ("fence_west_m", "fence_east_m", "fence_south_m", "fence_north_m")
@@ -32,10 +32,11 @@ def preflight(
         clocks_ahead_s: Of each tracker, how far its clock is ahead of this machine's; None where nobody knows.
     """
     there = {number: tracker for number, tracker in enumerate(trackers) if not tracker.is_lost}
+    least_hz = LEAST_POSITION_HZ if scenario.pace == "stop_and_listen" else LEAST_POSITION_HZ_IN_FLIGHT
     of_trackers = [
         check
         for number, tracker in there.items()
-        for check in _of_tracker(number, tracker, limits, clocks_ahead_s[number])
+        for check in _of_tracker(number, tracker, limits, clocks_ahead_s[number], least_hz)
     ]
     altitudes = [] if not there else [_altitudes(scenario, list(there.values()))]
     return (*of_trackers, *altitudes, *_limits(limits, list(there.values())))
@@ -72,7 +73,7 @@ def in_words(checks: Sequence[PreflightCheck]) -> str:
 
 
 def _of_tracker(
-    number: int, tracker: TrackerSnapshot, limits: LimitValues, clock_ahead_s: float | None
+    number: int, tracker: TrackerSnapshot, limits: LimitValues, clock_ahead_s: float | None, least_hz: float
 ) -> Iterator[PreflightCheck]:
     vehicle = tracker.vehicle
     if vehicle is not None:
@@ -83,7 +84,7 @@ def _of_tracker(
     mode = "no heartbeat yet" if tracker.mode is None else tracker.mode.name.lower()
     yield PreflightCheck("mode", obeys, mode, number)
     if vehicle is not None and not vehicle.is_simulated:
-        yield _position_rate(number, tracker)
+        yield _position_rate(number, tracker, least_hz)
     inside = tracker.position_m is not None and _is_inside(limits, tracker.position_m)
     yield PreflightCheck("inside the fence", inside, "inside" if inside else "outside the fence", number)
     yield PreflightCheck("place", not tracker.left_out, tracker.left_out or "where the others put it", number)
@@ -94,11 +95,11 @@ def _of_tracker(
         yield PreflightCheck("clock", agrees, f"{clock_ahead_s:+.1f} s of this machine's", number)
 
 
-def _position_rate(number: int, tracker: TrackerSnapshot) -> PreflightCheck:
+def _position_rate(number: int, tracker: TrackerSnapshot, least_hz: float) -> PreflightCheck:
     """Of the autopilot's telemetry: a simulated vehicle has none."""
     if tracker.position_hz is None:
         return PreflightCheck("positions", False, "only one yet", number)
-    often = tracker.position_hz >= LEAST_POSITION_HZ
+    often = tracker.position_hz >= least_hz
     return PreflightCheck("positions", often, f"{tracker.position_hz:.1f} a second", number)
 
 

@@ -5,12 +5,16 @@ scenario's acceleration permits. What is sent are positions along the way: each 
 to rest, braking evenly, if it hears nothing more, that is v^2 / 2 b ahead of where it should be now. A vehicle that
 brakes in time for it is, on the way, as fast as the formation; one that hears nothing more stops by itself.
 
+The cross turns as the controller says, as far as those that fly ahead of it keep up (``CLOSING_MPS``); each is told the
+place that is its own when it comes to rest.
+
 Set-points go on only if all keep apart, whoever of them stops (``flight_separation``); where they may not, they stay,
-by which all brake. The formation keeps inside the fence, goes round those that are not commanded, and waits where most
-of it lags behind.
+by which all brake. The formation keeps inside the fence, goes round those that are not commanded, and waits for who has
+fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,7 +22,7 @@ import torch
 
 from ...errors import InputError
 from ...flight import flown
-from ...scenario import Scenario
+from ...scenario import NUM_TRACKERS, Scenario
 from .flight_separation import Braking, Seen, blocked, least_apart_m, may_become
 from .formation_estimate import claimed_centers_m, median_m
 from .pace import Window
@@ -35,9 +39,12 @@ FIRST_WINDOW_S = 0.3
 PATIENCE_S = 0.25
 """After the end of an interval what trackers heard in it is waited for so long."""
 CLOSING_MPS = 2.0
-"""With which a tracker that is not in its place comes there, beside the formation's own speed."""
-MOST_BEHIND_M = 3.0
-"""Where most of its trackers are further behind their places the formation waits."""
+"""With which a tracker that is not in its place comes there at least, beside the formation's own speed. No faster do
+they go round, either."""
+MOST_BEHIND_M = 4.5
+"""For who is further from its place the formation waits,"""
+WAITS_S = 5.0
+"""no longer than this until it has been in its place again."""
 MOST_AHEAD_M = 4.0
 """No set-point is further from where its tracker comes to rest as it flies now: enough to speed it up, and too little
 for it to be taken for one that is astray."""
@@ -45,6 +52,8 @@ FRESH_S = 0.4
 """What was seen longer ago tells where a tracker may be, not that it is astray."""
 SPREADING_MPS = 2.0
 """No faster does the spacing change."""
+REMEMBERED_STEPS = 200
+"""Ten seconds at 20 steps a second: longer than any window is waited for."""
 SHORTEST_MPS = 0.1
 """Differences of speed below this are not worth a word."""
 ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
@@ -72,6 +81,12 @@ class ListenInFlight:
         self._speed_mps = min(limits.highest_speed_mps, scenario.tracker_speed_mps)
         self._center_m, self._velocity_mps = np.zeros(3), np.zeros(3)
         self._wanted_mps, self._spacing_m, self._wanted_spacing_m = np.zeros(3), 0.0, 0.0
+        self._turned_rad = self._turn_rad_per_s = 0.0
+        """The cross, and how fast it turns."""
+        self._behind_s = np.zeros(NUM_TRACKERS)
+        """So long each has not been in its place."""
+        self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
+        """How far it had turned at each step."""
         self._chase_ns: int | None = None
         """When the chase's own time began."""
         self._begins_ns = 0
@@ -82,6 +97,11 @@ class ListenInFlight:
     def formation(self) -> Move | None:
         """Where it should be now; None before the first."""
         return Move(self._center_m, self._spacing_m, (), "") if self.has_begun else None
+
+    @property
+    def turned_rad(self) -> float:
+        """How far the cross has turned."""
+        return self._turned_rad
 
     @property
     def window_since_ns(self) -> int:
@@ -102,7 +122,8 @@ class ListenInFlight:
     def stop(self) -> None:
         """Brake, and stay where that ends."""
         self._center_m = self._center_m + self._braking.rest_m(self._velocity_mps)
-        self._velocity_mps, self._wanted_mps = np.zeros(3), np.zeros(3)
+        self._turned_rad += self._led_rad()
+        self._velocity_mps, self._wanted_mps, self._turn_rad_per_s = np.zeros(3), np.zeros(3), 0.0
         self._wanted_spacing_m = self._spacing_m
 
     def window(self, now_ns: int) -> Window | None:
@@ -116,27 +137,36 @@ class ListenInFlight:
         rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._fresh_rest_m())
         since_s = (self._begins_ns - self._chase_ns) / 1e9
         self._begins_ns += self._interval_ns
-        place_m = self._places_m(self._swarm.counted_positions_m(position_m))
+        turned_rad = self._turned_at_rad(self._begins_ns - self._interval_ns, _median(after_s))
+        place_m = self._places_m(self._swarm.counted_positions_m(position_m), turned_rad)
         rssi_dbm, position_m = self._swarm.window(rssi_dbm, position_m, place_m)
         return Window(rssi_dbm, position_m, position_m[-1].mean(axis=0), since_s + _median(after_s))
 
-    def _places_m(self, position_m: Points) -> Points:
-        """Where each must have been at each sample for the others' sake [sample, tracker, 3]."""
-        centers_m = [
-            median_m(claimed_centers_m(each_m, self._spacing_m)) if np.isfinite(each_m).any() else self._center_m
-            for each_m in position_m
-        ]
-        return np.stack([formation_m(center_m, self._spacing_m) for center_m in centers_m])
+    def _turned_at_rad(self, since_ns: int, after_s: Levels) -> Levels:
+        """How far the cross had turned so long after this moment [sample]."""
+        known_s = [(time_ns - since_ns) / 1e9 for time_ns, _ in self._turns]
+        return np.interp(after_s, known_s, [rad for _, rad in self._turns]) if known_s else 0.0 * after_s
 
-    def pursue(self, displacement_m: Point, spacing_m: float) -> str:
-        """From now on fly so that the centre moves so far in an interval, with this spacing at its end; returns in
-        which way limits change that, else nothing.
+    def _places_m(self, position_m: Points, turned_rad: Levels) -> Points:
+        """Where each must have been at each sample for the others' sake [sample, tracker, 3]."""
+        places_m = []
+        for each_m, rad in zip(position_m, turned_rad.tolist(), strict=True):
+            is_known = np.isfinite(each_m).any()
+            center_m = median_m(claimed_centers_m(each_m, self._spacing_m, rad)) if is_known else self._center_m
+            places_m.append(formation_m(center_m, self._spacing_m, rad))
+        return np.stack(places_m)
+
+    def pursue(self, displacement_m: Point, spacing_m: float, turn_rad: float = 0.0) -> str:
+        """From now on fly so that the centre moves so far in an interval, with this spacing at its end, and the cross
+        turns so far; returns in which way limits change where and how wide it flies, else nothing.
         """
         least_m, most_m = self._filter.spacing_range_m()
         if least_m > most_m:
-            self._wanted_mps = np.zeros(3)
+            self._wanted_mps, self._turn_rad_per_s = np.zeros(3), 0.0
             return "all stay where they are: the fence has no room for the formation"
         self._wanted_spacing_m = min(max(spacing_m, least_m), most_m)
+        fastest_rad_per_s = CLOSING_MPS / max(self._spacing_m, self._wanted_spacing_m)
+        self._turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s)
         told_mps = displacement_m / self._decision_s
         within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps))
         self._wanted_mps = self._around_mps(within_mps)
@@ -179,19 +209,25 @@ class ListenInFlight:
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
         now_m, rest_m = swarm.places_now_m(), self._rest_m()
         before_m, goal_before_m = stream.set_point_m, self._goal_m()
-        state = self._center_m, self._velocity_mps, self._spacing_m
-        self._fly_on(elapsed_s)
-        offset_m = _nearer(before_m - goal_before_m, CLOSING_MPS * elapsed_s)
+        state = self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad
+        closing_mps = max(CLOSING_MPS, self._speed_mps - float(np.linalg.norm(self._velocity_mps)))
+        if self._waits(now_m, elapsed_s):
+            self._brake(elapsed_s)
+        else:
+            self._fly_on(elapsed_s)
+        offset_m = _nearer(before_m - goal_before_m, closing_mps * elapsed_s)
         led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
         following_m = self._fenced_m(led_m, before_m)
         least_m = least_apart_m(seen, np.stack([before_m, following_m]), self._braking)
         separation_m = self._limits.minimum_separation_m
-        if not self._lags(now_m, before_m, state[1]) and may_become(least_m[0], least_m[1], separation_m):
+        if may_become(least_m[0], least_m[1], separation_m):
             stream.set_point_m = following_m
+            self._turns.append((swarm.now_ns, self._turned_rad))
             return
         # The set-points stay: by that all brake, and the formation with them.
-        self._center_m, self._velocity_mps, self._spacing_m = state
+        self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad = state
         self._brake(elapsed_s)
+        self._turns.append((swarm.now_ns, self._turned_rad))
         too_near = blocked(least_m[0], separation_m - INTRUSION_M) & stream.commanded
         if too_near.any():
             stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
@@ -202,10 +238,13 @@ class ListenInFlight:
         self._change(wanted_mps, elapsed_s, self._acceleration_mps2)
         most_m = SPREADING_MPS * elapsed_s
         self._spacing_m += min(max(self._wanted_spacing_m - self._spacing_m, -most_m), most_m)
+        self._turned_rad += self._turn_rad_per_s * elapsed_s
 
     def _brake(self, elapsed_s: float) -> None:
         """The goals of all stay where they are."""
+        led_rad = self._led_rad()
         self._change(np.zeros(3), elapsed_s, self._braking.nominal_mps2)
+        self._turned_rad += led_rad - self._led_rad()
 
     def _change(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> None:
         before_m, before_mps, wanted = (
@@ -217,7 +256,12 @@ class ListenInFlight:
 
     def _goal_m(self) -> Points:
         """Where the trackers of the formation come to rest if they brake now."""
-        return formation_m(self._center_m + self._braking.rest_m(self._velocity_mps), self._spacing_m)
+        rest_m = self._center_m + self._braking.rest_m(self._velocity_mps)
+        return formation_m(rest_m, self._spacing_m, self._turned_rad + self._led_rad())
+
+    def _led_rad(self) -> float:
+        """How far the cross turns until they rest, which takes v / 2 b at the speed of now."""
+        return self._turn_rad_per_s * float(np.linalg.norm(self._velocity_mps)) / (2 * self._braking.nominal_mps2)
 
     def _fenced_m(self, point_m: Points, before_m: Points) -> Points:
         """Inside the fence, or no further out than before."""
@@ -233,16 +277,13 @@ class ListenInFlight:
         """Where each tracker comes to rest, as it flies now [tracker, 3]."""
         return np.asarray(self._swarm.places_now_m() + self._braking.rest_m(self._swarm.traffic().velocity_mps))
 
-    def _lags(self, now_m: Points, set_point_m: Points, velocity_mps: Point) -> bool:
-        """Whether most are further from where they are told to come to rest than the formation is, and than they should
-        be.
-        """
+    def _waits(self, now_m: Points, elapsed_s: float) -> bool:
+        """Whether the formation waits for somebody that counts and is not in its place."""
+        place_m = formation_m(self._center_m, self._spacing_m, self._turned_rad)
+        is_behind = np.linalg.norm(now_m - place_m, axis=1) > MOST_BEHIND_M
+        self._behind_s = np.where(is_behind, self._behind_s + elapsed_s, 0.0)
         counted = self._swarm.counted()
-        if not counted:
-            return False
-        left_m = np.linalg.norm(set_point_m[counted] - now_m[counted], axis=1)
-        due_m = float(np.linalg.norm(self._braking.rest_m(velocity_mps)))
-        return bool(np.median(left_m) > due_m + MOST_BEHIND_M)
+        return bool((is_behind & (self._behind_s < WAITS_S))[counted].any())
 
     def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
         """Those who come too near to somebody stop as soon as they can."""

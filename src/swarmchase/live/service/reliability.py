@@ -115,16 +115,19 @@ class Reliability:
         reason = f"it says that it is {jump_m:.1f} m from where it was, further than it can have flown"
         self._standings[tracker].leave_out(reason, is_behind=True)
 
-    def take_positions(self, set_point_m: Points, position_m: Points, left_m: Points) -> None:
+    def take_positions(
+        self, set_point_m: Points, position_m: Points, left_m: Points, astray_m: float = ASTRAY_M
+    ) -> None:
         """Where they were in a window, worst moment by worst moment, and where they were told to be.
 
         Args:
             set_point_m: [tracker, 3]; NaN where it is not commanded.
             position_m: [tracker, 3]
             left_m: Where each was last told to be [tracker, 3], where it is not commanded any more.
+            astray_m: Who is further off is left behind.
         """
         off_m = off_set_points_m(set_point_m, position_m, self.counts)
-        for tracker in np.flatnonzero(off_m > ASTRAY_M).tolist():
+        for tracker in np.flatnonzero(off_m > astray_m).tolist():
             self._standings[tracker].leave_out(_astray(off_m[tracker]), is_behind=True)
         waits_m = np.linalg.norm(position_m - left_m, axis=1)
         for standing, one_m in zip(self._standings, waits_m.tolist(), strict=True):

@@ -79,9 +79,15 @@ class Move:
     """Where it differs from what was wanted: how and why; else empty."""
 
 
-def formation_m(center_m: Point, spacing_m: float) -> Points:
-    """Where the six trackers are around their centre."""
-    return center_m + spacing_m * TRACKER_DIRECTION
+def formation_m(center_m: Point, spacing_m: float, turned_rad: float = 0.0) -> Points:
+    """Where the six trackers are around their centre, their cross having turned so far."""
+    return center_m + spacing_m * cross(turned_rad)
+
+
+def cross(turned_rad: float = 0.0) -> Points:
+    """Which way each tracker is from the centre [tracker, 3]: ``formation.turned_direction``."""
+    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
+    return np.asarray(TRACKER_DIRECTION @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def is_clear(start_m: Points, end_m: Points, obstacles_m: Points, separation_m: float, room_m: float = 0.0) -> bool:

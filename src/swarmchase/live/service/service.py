@@ -2,7 +2,8 @@
 
     IDLE -> CONNECTING -> SAMPLING <-> MOVING -> REACHED, LOST or ABORTED; HOLDING in between while something is wrong
 
-Where the scenario has trackers listen while they fly, PURSUING stands in the place of SAMPLING and MOVING.
+Where the scenario has trackers listen while they fly, PURSUING, FOLLOWING and SEARCHING stand in the place of SAMPLING
+and MOVING (``course``).
 
 ``step`` is called again and again, at 20 Hz say, and never blocks: hear what has come in, find out who can be
 commanded, do what the state asks for, stream the set-points. The set-points are the proof of life: where no step is
@@ -18,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from ...controllers.belief import Believing
+from ...controllers.belief import Belief, Believing
 from ...controllers.condition import Condition
 from ...controllers.explanation import Explaining, Explanation
 from ...controllers.protocol import Controller
@@ -28,8 +29,8 @@ from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
 from ..link.messages import SetPoint
 from ..link.protocol import ControllerLink
-from .capture import CaptureJudge
-from .chase_state import LED, UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
+from .chase_state import IN_FLIGHT, LED, UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
+from .course import FlightCourse
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
 from .preflight import beyond_the_fence, failing, in_words, preflight
@@ -78,15 +79,14 @@ class ControllerService:
         self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
         self._swarm = Swarm(scenario, limits)
         self._pace: StopAndListen | ListenInFlight
-        self._judge: NearnessJudge | CaptureJudge
-        judged_by = scenario, self._settings.reached_windows, self._settings.minimum_trackers
+        self._judge: NearnessJudge | FlightCourse
+        require_judged(scenario, controller, self._settings)
         if scenario.pace == "stop_and_listen":
             self._pace = StopAndListen(scenario, self._settings, self._swarm, limits.highest_speed_mps)
-            self._judge, self._listening = NearnessJudge(*judged_by), ChaseState.SAMPLING
+            self._judge = NearnessJudge(scenario, self._settings.reached_windows, self._settings.minimum_trackers)
         else:
-            require_judged(controller, self._settings)
             self._pace = ListenInFlight(scenario, self._swarm, limits)
-            self._judge, self._listening = CaptureJudge(*judged_by), ChaseState.PURSUING
+            self._judge = FlightCourse(scenario, self._settings, limits)
         self.memory = controller.begin(1, seed, chase)
         """The controller's."""
         self.state, self._reason = ChaseState.IDLE, ""
@@ -95,6 +95,7 @@ class ControllerService:
         self._origin_m: Point | None = None
         self._movements = self._deaf_windows = self._recorder_failures = 0
         self._operator_holds = self._overrides = False
+        self._course_reason = ""
         self._retry_ns = self._now_ns
         self._last_decision: Decision | None = None
         self._to_explain: Observation | None = None
@@ -131,9 +132,15 @@ class ControllerService:
         self._operator_holds = False
 
     def declare_reached(self) -> None:
-        """The operator sees the target."""
-        if self.state in UNDER_WAY:
-            self._stop(ChaseState.REACHED, "the operator says so")
+        """The operator sees the target. Where it is to be followed the word begins that, and a second one ends it."""
+        if self.state not in UNDER_WAY:
+            return
+        if isinstance(self._judge, FlightCourse) and self.state in IN_FLIGHT:
+            self._judge.declare_reached()
+            if self._judge.state is ChaseState.FOLLOWING:
+                self._go(ChaseState.FOLLOWING, "the operator says so")
+                return
+        self._stop(ChaseState.REACHED, "the operator says so")
 
     def abort(self) -> None:
         """Tell the trackers to hold, then nothing any more."""
@@ -163,10 +170,10 @@ class ControllerService:
     def _act(self) -> None:
         """What the state asks for."""
         if self.state in LED and not self._has_enough():
-            self._hold(f"{len(self._swarm.usable())} trackers are too few{self._swarm.left_out_words()}")
+            self._hold(f"{len(self._enough())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
-        elif self.state is self._listening:
+        elif self.state is self._listening():
             self._listen_on()
         elif self.state is ChaseState.MOVING:
             self._move()
@@ -189,7 +196,7 @@ class ControllerService:
             self._pace.stand(Move(estimate.center_m, estimate.spacing_m, (), ""), self._now_ns)
             words = [f"{number} trackers are there", f"overridden: {in_words(failed)}" if failed else ""]
             words.append(beyond_the_fence(self._scenario, self._filter.limits, metres(estimate.center_m)))
-            self._go(self._listening, "; ".join(filter(None, words)))
+            self._go(self._listening(), "; ".join(filter(None, words)))
 
     def _preflight(self) -> tuple[PreflightCheck, ...]:
         """As it is now; nothing once the trackers are led."""
@@ -206,7 +213,7 @@ class ControllerService:
         judge = self._judge
         if isinstance(judge, NearnessJudge) and judge.is_reached(window.rssi_dbm, window.offset_m):
             self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
-        elif self._movements >= self._scenario.max_movements:
+        elif self._movements >= self._scenario.max_movements and not self._is_followed():
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
         else:
             self._decide(window)
@@ -221,45 +228,71 @@ class ControllerService:
             action, memory = self._controller.decide(observation, self.memory)
             spacing_m = float(action.spacing_m[0])
             x_m, y_m, z_m = action.displacement_m[0].tolist()
-            # action.turn_rad is not carried out: set-points, and what judges them, know a cross along the axes.
+            turn_rad = 0.0 if action.turn_rad is None else float(action.turn_rad[0])
             condition = getattr(memory, "condition", None)
             condition = Condition.TRACKING if condition is None else Condition(int(condition[0]))
         except Exception as error:
             self._hold(f"the controller failed: {type(error).__name__}: {error}", self._settings.retry_s)
             return
-        is_number = all(map(math.isfinite, (spacing_m, x_m, y_m, z_m)))
+        is_number = all(map(math.isfinite, (spacing_m, x_m, y_m, z_m, turn_rad)))
         # What explains an earlier decision does not explain this one.
         self._explanation, self._to_explain = None, observation if is_number else None
         if is_number:
             self.memory, self._condition = memory, condition
             self._deaf_windows = self._deaf_windows + 1 if condition is Condition.DEAF else 0
-        if not is_number or self._deaf_windows >= DEAF_WINDOWS:
+        # In flight a target that is silent is looked for.
+        is_deaf = self._deaf_windows >= DEAF_WINDOWS and isinstance(self._pace, StopAndListen)
+        if not is_number or is_deaf:
             deaf = f"the controller has heard nothing for {self._deaf_windows} windows"
             movement, changed = 0, deaf if is_number else "the controller's action is no number"
             self._hold(changed, self._settings.retry_s)
         else:
             movement = self._movements = self._movements + 1
-            changed = self._set_out(window, np.array([x_m, y_m, z_m]), spacing_m)
+            changed = self._set_out(window, np.array([x_m, y_m, z_m]), spacing_m, turn_rad)
         told = spacing_m, (x_m, y_m, z_m), changed
         decision = Decision(self._now_ns, movement, rssi_dbm, position_m, *told, window.time_s)
         self._last_decision = decision
         self._record(decision)
-        if movement and self._has_caught(window):
-            self._stop(ChaseState.REACHED, "most of the belief and the levels are those of a target within the radius")
+        if movement and isinstance(self._judge, FlightCourse) and self._judge.state is not self.state:
+            self._take_course(self._judge)
 
-    def _has_caught(self, window: Window) -> bool:
-        """Whether a target that flies is reached, by what the controller believes after this window."""
-        if not (isinstance(self._judge, CaptureJudge) and isinstance(self._controller, Believing)):
-            return False
-        assert self._origin_m is not None
-        center_m = torch.from_numpy(window.center_m - self._origin_m)[None]
-        return self._judge.is_reached(window, center_m, self._controller.belief(self.memory))
-
-    def _set_out(self, window: Window, displacement_m: Point, spacing_m: float) -> str:
+    def _set_out(self, window: Window, displacement_m: Point, spacing_m: float, turn_rad: float) -> str:
         """Carry out an action; returns in which way limits change it, else nothing."""
-        if isinstance(self._pace, ListenInFlight):
-            return self._pace.pursue(displacement_m, spacing_m)
+        if isinstance(self._pace, ListenInFlight) and isinstance(self._judge, FlightCourse):
+            flown = self._flown(self._pace, self._judge, window, displacement_m, spacing_m)
+            return self._pace.pursue(*flown, turn_rad)
+        assert isinstance(self._pace, StopAndListen)
         return self._fly(self._pace, window.center_m + displacement_m, spacing_m, f"movement {self._movements}")
+
+    def _flown(
+        self, pace: ListenInFlight, course: FlightCourse, window: Window, displacement_m: Point, spacing_m: float
+    ) -> tuple[Point, float]:
+        """What the controller says, or the course does where the target is followed or lost."""
+        assert self._origin_m is not None
+        assert window.time_s is not None
+        assert pace.formation is not None
+        belief = self._belief()
+        self._course_reason = course.take(window, self._origin_m, belief)
+        center_m = pace.formation.center_m - self._origin_m
+        since_s = (self._now_ns - pace.window_since_ns) / 1e9 - float(window.time_s[-1])
+        return course.flown(displacement_m, spacing_m, window, center_m, since_s, belief)
+
+    def _belief(self) -> Belief | None:
+        """The controller's; None of one without."""
+        return self._controller.belief(self.memory) if isinstance(self._controller, Believing) else None
+
+    def _take_course(self, course: FlightCourse) -> None:
+        if course.state is ChaseState.REACHED:
+            self._stop(ChaseState.REACHED, self._course_reason)
+        else:
+            self._go(course.state, self._course_reason)
+
+    def _is_followed(self) -> bool:
+        return isinstance(self._judge, FlightCourse) and self._judge.is_followed
+
+    def _listening(self) -> ChaseState:
+        """In this state windows are listened to."""
+        return self._judge.state if isinstance(self._judge, FlightCourse) else ChaseState.SAMPLING
 
     def _fly(self, pace: StopAndListen, center_m: Point, spacing_m: float, reason: str) -> str:
         """Set out for this formation, or what the safety filter makes of it; returns what it says."""
@@ -281,6 +314,8 @@ class ControllerService:
 
     def _hold(self, reason: str, for_s: float = 0.0) -> None:
         self._retry_ns = self._now_ns + round(for_s * 1e9)
+        if isinstance(self._judge, FlightCourse):
+            self._judge.forget()
         self._pace.stop()
         self._go(ChaseState.HOLDING, reason)
 
@@ -294,7 +329,7 @@ class ControllerService:
             self._fly(self._pace, formation.center_m, formation.spacing_m, reason)
         else:
             self._pace.stand(formation, self._now_ns)
-            self._go(self._listening, reason)
+            self._go(self._listening(), reason)
 
     def _speak(self) -> None:
         """The set-points, in every state that commands."""
@@ -314,7 +349,11 @@ class ControllerService:
         self._to_explain = None
 
     def _has_enough(self) -> bool:
-        return len(self._swarm.usable()) >= self._settings.minimum_trackers
+        return len(self._enough()) >= self._settings.minimum_trackers
+
+    def _enough(self) -> list[int]:
+        """The trackers to go on with: in flight also those that hear nothing of a target that is silent."""
+        return self._swarm.usable() if isinstance(self._pace, StopAndListen) else self._swarm.counted()
 
     def _seconds_in_state(self) -> float:
         return (self._now_ns - self._entered_ns) / 1e9
@@ -334,12 +373,14 @@ class ControllerService:
             trackers=self._swarm.snapshots(),
             last_decision=self._last_decision,
             explanation=self._explanation,
-            window_since_ns=self._pace.window_since_ns if self.state is self._listening else None,
+            window_since_ns=self._pace.window_since_ns if self.state is self._listening() else None,
             recorder_failures=self._recorder_failures,
             preflight=self._preflight(),
             pulled_back=self._swarm.stream.pulled_back,
             condition=self._condition,
-            share_within=self._judge.newest_share if isinstance(self._judge, CaptureJudge) else None,
+            share_within=self._judge.newest_share if isinstance(self._judge, FlightCourse) else None,
+            turned_rad=self._pace.turned_rad if isinstance(self._pace, ListenInFlight) else 0.0,
+            following=self._judge.following.told if isinstance(self._judge, FlightCourse) else None,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
@@ -359,13 +400,21 @@ class ControllerService:
             self._recorder_failures += 1
 
 
-def require_judged(controller: Controller, settings: ServiceSettings) -> None:
-    """Refuse a controller by which nobody could say that a target that flies is reached.
+def require_judged(scenario: Scenario, controller: Controller, settings: ServiceSettings) -> None:
+    """Refuse a controller by which nobody could say that a target that flies is reached, or where it is.
 
     Raises:
-        InputError: it has no belief, and not only the operator is to say so.
+        InputError: it has no belief, and not only the operator is to say so; or trackers that stop are to follow.
     """
-    if settings.reached_windows > 0 and not isinstance(controller, Believing):
+    if scenario.pace == "stop_and_listen":
+        if settings.follow:
+            raise InputError("--follow is refused: trackers that stop to listen do not follow")
+        return
+    if isinstance(controller, Believing):
+        return
+    if settings.follow:
+        raise InputError(f"--follow is refused: {controller.name} has no belief to follow")
+    if settings.reached_windows > 0:
         raise InputError(
             f"{controller.name} is refused in flight: it has no belief to judge by whether the target is reached; with "
             "--reached-windows 0 only the operator says so"

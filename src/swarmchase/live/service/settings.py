@@ -14,6 +14,8 @@ class OperatorSettings:
     """With fewer that are heard and can be commanded, the service holds."""
     reached_windows: int = ranged(2, AT_LEAST_ZERO)
     """Windows of strong signals by which the target counts as reached; 0: only the word reached counts."""
+    follow: bool = False
+    """In flight, stay with a target that is reached, and look for it where it is lost, until told to end."""
     arrival_tolerance_m: float = ranged(0.3, POSITIVE)
     """A tracker this near to its place has arrived. By satellites alone, without RTK, it wants 1 m and more."""
 

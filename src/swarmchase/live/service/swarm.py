@@ -22,6 +22,8 @@ STILL_OBEYS_S = 2.0
 """So long a tracker that is commanded no more may fly on to its last set-point, before it misses the controller."""
 FLOWN_MPS = 20.0
 """No tracker is faster, whoever flies it."""
+ASTRAY_IN_FLIGHT_M = 2 * ASTRAY_M
+"""Who has heard nothing for a second while the others flew on is further behind than ``ASTRAY_M``, and catches up."""
 RETURN_SHARE = 0.5
 """Of what the channel lends: who is left out for its level has to hear better than who is not."""
 
@@ -87,6 +89,11 @@ class Swarm:
         rest_m = seen_m + stopping_m(share * velocity_mps[None])[0]
         low_m, high_m = np.minimum(self._limits.low_m, seen_m), np.maximum(self._limits.high_m, seen_m)
         return np.asarray(np.clip(rest_m, low_m, high_m))
+
+    @property
+    def now_ns(self) -> int:
+        """When what had come in was last taken in."""
+        return self._now_ns
 
     def commanded(self) -> list[int]:
         """The trackers that have a set-point."""
@@ -229,7 +236,7 @@ class Swarm:
         for tracker in self.commanded():
             rssi_dbm[:, tracker], position_m[:, tracker], time_ns = self._records[tracker].flown_window(since_ns)
             after_s[:, tracker] = (time_ns - since_ns) / 1e9
-        self._reliability.take_positions(self.stream.set_point_m, rest_m, self._left_m)
+        self._reliability.take_positions(self.stream.set_point_m, rest_m, self._left_m, ASTRAY_IN_FLIGHT_M)
         return rssi_dbm, position_m, after_s
 
     def places_now_m(self) -> Points:

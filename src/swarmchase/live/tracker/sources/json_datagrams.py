@@ -17,8 +17,10 @@ class JsonDatagramSource:
         InputError: the address cannot be had.
     """
 
-    def __init__(self, port: int, host: str = LOOPBACK, same_clock: bool = False) -> None:
-        self._records = JsonRecords(same_clock)
+    def __init__(
+        self, port: int, host: str = LOOPBACK, same_clock: bool = False, transmitter_mac: str | None = None
+    ) -> None:
+        self._records = JsonRecords(same_clock, transmitter_mac)
         self._socket = bound_udp_socket(host, port)
 
     @property
@@ -63,7 +65,7 @@ class JsonDatagramSource:
 
 def _open(place: str, details: SourceDetails) -> JsonDatagramSource:
     host, port = host_and_port(place, LOOPBACK)
-    return JsonDatagramSource(port, host, details.same_clock)
+    return JsonDatagramSource(port, host, details.same_clock, details.transmitter_mac)
 
 
 KIND = SourceKind(scheme="udp", place="PORT", open=_open)

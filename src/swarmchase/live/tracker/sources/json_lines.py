@@ -20,14 +20,21 @@ class JsonLinesSource:
 
     Args:
         name: what people call it.
-        same_clock: ``JsonRecords``.
+        same_clock: ``JsonRecords``,
+        transmitter_mac: too.
     """
 
-    def __init__(self, descriptor: int, name: str = "standard input", same_clock: bool = False) -> None:
+    def __init__(
+        self,
+        descriptor: int,
+        name: str = "standard input",
+        same_clock: bool = False,
+        transmitter_mac: str | None = None,
+    ) -> None:
         self.ended = False
         self._name = name
         self._descriptor = descriptor
-        self._records = JsonRecords(same_clock)
+        self._records = JsonRecords(same_clock, transmitter_mac)
         self._rest = b""
         self._too_long = False
 
@@ -78,10 +85,10 @@ class JsonLinesSource:
         return found
 
 
-def _open(place: str, _details: SourceDetails) -> JsonLinesSource:
+def _open(place: str, details: SourceDetails) -> JsonLinesSource:
     if place != "-":
         raise InputError(f"source 'jsonl:{place}' is refused: allowed is jsonl:-, which is standard input")
-    return JsonLinesSource(STANDARD_INPUT)
+    return JsonLinesSource(STANDARD_INPUT, transmitter_mac=details.transmitter_mac)
 
 
 KIND = SourceKind(scheme="jsonl", place="-", note="standard input", open=_open)

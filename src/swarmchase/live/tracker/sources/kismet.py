@@ -14,7 +14,7 @@ from typing import Any
 from ....errors import InputError
 from ....reading import read_bytes
 from .kind import SourceDetails, SourceKind
-from .pcap import mac_address
+from .mac import mac_address
 from .protocol import Sample
 from .rejected import Rejected
 

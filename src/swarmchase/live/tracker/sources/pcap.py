@@ -16,6 +16,7 @@ from pathlib import Path
 from ....errors import InputError
 from ....reading import open_descriptor, opened, refused
 from .kind import SourceDetails, SourceKind
+from .mac import mac_address
 from .protocol import Row, Sample
 from .radiotap import parse_radiotap
 from .rejected import Rejected
@@ -179,22 +180,6 @@ def transmitter_address(frame: bytes) -> bytes | None:
     kind, subkind = frame[0] >> 2 & 3, frame[0] >> 4
     is_cts_or_ack = kind == 1 and subkind in {12, 13}
     return None if is_cts_or_ack else frame[10:16]
-
-
-def mac_address(text: str) -> bytes:
-    """The six bytes of ``aa:bb:cc:dd:ee:ff``.
-
-    Raises:
-        InputError: it is no such address.
-    """
-    parts = text.split(":")
-    try:
-        address = bytes(int(part, 16) for part in parts)
-    except ValueError:
-        address = b""
-    if len(address) != 6 or any(len(part) != 2 for part in parts):
-        raise InputError(f"{text!r} is refused: allowed is a MAC address, aa:bb:cc:dd:ee:ff")
-    return address
 
 
 def _can_be_captured_to(mode: int) -> bool:

@@ -8,7 +8,8 @@ from .kind import SourceDetails, SourceKind
 
 
 def _open(place: str, details: SourceDetails) -> JsonLinesSource:
-    return JsonLinesSource(open_serial_port(Path(place), details.serial_baud), place)
+    port = open_serial_port(Path(place), details.serial_baud)
+    return JsonLinesSource(port, place, transmitter_mac=details.transmitter_mac)
 
 
 KIND = SourceKind(scheme="serial", place="PATH", open=_open)

@@ -1,0 +1,170 @@
+"""Live flights that go on after the capture: followed, lost, found again. The real service, on a made clock."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+
+from swarmchase import load_controller, paper_scenario
+from swarmchase.errors import InputError
+from swarmchase.live.service.chase_state import ChaseState, Snapshot, Transition
+from swarmchase.live.service.settings import ServiceSettings
+from swarmchase.scenario import Scenario, load_scenario
+from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.radio_in_flight import RadioInFlight
+from swarmchase.simulation.virtual_chase import VirtualChase, VirtualResult
+
+FOLLOWS = ServiceSettings(follow=True)
+
+
+class Flight:
+    """A virtual chase of a target that begins near, and what is to be looked at of it."""
+
+    def __init__(self, faults: str, settings: ServiceSettings = FOLLOWS, **changes: Any) -> None:
+        near = {"behaviour": "waypoints", "start_distance_m": 15.0, "farthest_start_m": 25.0}
+        scenario = Scenario.from_dict(load_scenario("flight").to_dict() | near | changes)
+        self.transitions: list[Transition] = []
+        self.snapshots: list[Snapshot] = []
+        self.target_m: list[tuple[float, ...]] = []
+        controller, plan = load_controller("particle", scenario), fault_plan(faults)
+        self.chase = VirtualChase(
+            scenario, controller, 0, 3, plan, settings, self._record, self._watch, limits=None, starts=True
+        )
+
+    def _record(self, entry: Any) -> None:
+        if isinstance(entry, Transition):
+            self.transitions.append(entry)
+
+    def _watch(self, snapshot: Snapshot) -> None:
+        self.snapshots.append(snapshot)
+        self.target_m.append(self.radio.target_m)
+
+    @property
+    def radio(self) -> RadioInFlight:
+        assert isinstance(self.chase.site.radio, RadioInFlight)
+        return self.chase.site.radio
+
+    def states(self) -> list[str]:
+        return [one.after.value for one in self.transitions]
+
+    def run(self) -> VirtualResult:
+        return self.chase.run()
+
+    def until(self, state: ChaseState) -> None:
+        for _ in range(2400):
+            if self.chase.service.state is state:
+                return
+            self.chase.tick()
+        raise AssertionError(f"never {state.value}: {self.states()}")
+
+
+def test_a_target_that_falls_silent_is_followed_lost_looked_for_and_found_again() -> None:
+    flight = Flight("mute=14-21", follow_s=22.0)
+    result = flight.run()
+    assert flight.states()[:5] == ["connecting", "pursuing", "following", "searching", "pursuing"]
+    caught, lost, found = flight.transitions[2:5]
+    ended = flight.transitions[-1]
+    assert lost.reason == "the target is lost: nothing has been heard of it for 5 s"
+    began_ns = flight.transitions[0].time_ns
+    # The last window with something in it may have ended up to an interval before the silence began.
+    assert 18.4 < (lost.time_ns - began_ns) / 1e9 < 20.5
+    assert 21.0 < (found.time_ns - began_ns) / 1e9 < 25.0
+    assert found.reason == "the target is found again"
+    assert (ended.after, ended.reason) == (ChaseState.REACHED, "it was followed for 22 s")
+    assert (ended.time_ns - caught.time_ns) / 1e9 == pytest.approx(22.0, abs=0.6)
+    assert result.least_separation_m > 6.0
+    # What the service says of the time it was near is what was true, but for the silence.
+    followed = flight.snapshots[-1].following
+    assert followed is not None
+    assert result.following_share is not None
+    assert 0.2 < followed.share <= 1.0
+    assert followed.share == pytest.approx(result.following_share, abs=0.3)
+
+
+def test_who_follows_stays_with_a_target_that_lands_and_holds_and_ends_by_the_operator_s_words() -> None:
+    flight = Flight("lands=0-60", lowest_altitude_m=40.0)
+    flight.until(ChaseState.FOLLOWING)
+    service = flight.chase.service
+    while flight.radio.now_s < 16.0:
+        flight.chase.tick()
+    # It has sunk to 40 m above the ground, 10 m below the start, and stands there; so does the swarm.
+    target_m = np.array(flight.radio.target_m)
+    assert target_m[2] == pytest.approx(-10.0, abs=1e-6)
+    center_m = np.median(np.array(flight.chase.site.positions_m()), axis=0)
+    assert np.linalg.norm(center_m - target_m) < 3.0
+    assert max(math.hypot(*one.velocity_mps) for one in flight.chase.site.vehicles) < 2.0
+    service.hold()
+    flight.chase.tick()
+    assert service.state is ChaseState.HOLDING
+    service.resume()
+    flight.until(ChaseState.FOLLOWING)
+    service.declare_reached()
+    assert (service.state, flight.transitions[-1].reason) == (ChaseState.REACHED, "the operator says so")
+
+
+def test_in_the_search_operators_hold_resume_and_abort() -> None:
+    flight = Flight("mute=1.5-60", ServiceSettings())
+    flight.until(ChaseState.SEARCHING)
+    service = flight.chase.service
+    service.hold()
+    for _ in range(200):
+        flight.chase.tick()
+    assert service.state is ChaseState.HOLDING
+    assert max(math.hypot(*one.velocity_mps) for one in flight.chase.site.vehicles) < 0.05
+    service.resume()
+    # It goes on as it was, and judges anew: nothing has been heard.
+    flight.until(ChaseState.SEARCHING)
+    service.abort()
+    assert service.state is ChaseState.ABORTED
+
+
+def test_the_word_reached_begins_to_follow() -> None:
+    flight = Flight("")
+    flight.until(ChaseState.PURSUING)
+    flight.chase.service.declare_reached()
+    assert flight.chase.service.state is ChaseState.FOLLOWING
+
+
+@pytest.mark.parametrize("word", ["mute=10", "mute=20-10", "lands=-1-5", "second=0", "second=far", "second=inf"])
+def test_faults_of_the_target_that_cannot_be_are_refused(word: str) -> None:
+    with pytest.raises(InputError, match="is refused"):
+        fault_plan(word)
+
+
+@pytest.mark.parametrize("word", ["mute=10-20", "lands=10-20", "second=150"])
+def test_a_target_that_stands_has_none_of_them(word: str) -> None:
+    scenario = paper_scenario()
+    with pytest.raises(InputError, match="they are of targets in flight"):
+        VirtualChase(scenario, load_controller("particle", scenario), 0, 0, fault_plan(word))
+
+
+def test_another_transmitter_adds_its_power_to_the_target_s() -> None:
+    """150 m east of a target; trackers in between, where each is as far from both, hear 3 dB more in the mean."""
+    levels_dbm = []
+    for faults in ("", "second=150"):
+        flight = Flight(faults, behaviour="hover", target_speed_mps=0.0)
+        flight.chase.site.announce(2**62, (0.0, 0.0, 0.0), 5.0)
+        at_m = torch_places(np.array(flight.radio.target_m) + np.array([75.0, 0.0, 0.0]))
+        swarm = flight.chase.site._swarm()
+        heard = [flight.radio.heard_dbm(one * 50_000_000, at_m, swarm) for one in range(400)]
+        levels_dbm.append(10 * np.log10(np.mean(10 ** (np.array(heard) / 10))))
+    assert levels_dbm[1] - levels_dbm[0] == pytest.approx(10 * math.log10(2), abs=0.7)
+
+
+def torch_places(place_m: np.ndarray) -> Any:
+    import torch
+
+    return torch.from_numpy(np.tile(place_m, (6, 1)))
+
+
+def test_trackers_that_stop_do_not_follow_nor_does_who_has_no_belief() -> None:
+    scenario = paper_scenario()
+    with pytest.raises(InputError, match="--follow is refused: trackers that stop"):
+        VirtualChase(scenario, load_controller("particle", scenario), 0, 0, settings=FOLLOWS)
+    with pytest.raises(InputError, match="--follow is refused: gradient has no belief"):
+        VirtualChase(
+            load_scenario("flight"), load_controller("gradient", load_scenario("flight")), 0, 0, settings=FOLLOWS
+        )
