@@ -17,6 +17,7 @@ from swarmchase.live.log.entries import LogHead
 from swarmchase.live.page.info import page_info
 from swarmchase.live.service.chase_state import Decision, Snapshot, Transition
 from swarmchase.live.service.safety import SafetyLimits
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.site import site_limits
@@ -40,7 +41,13 @@ SCENARIO = paper_scenario(sampling_hz=100, spatial_correlation=0.5, start_distan
 
 FLIGHT = Scenario.from_dict(
     load_scenario("flight").to_dict()
-    | {"behaviour": "straight", "target_speed_mps": 3.0, "start_distance_m": 15.0, "farthest_start_m": 20.0}
+    | {
+        "behaviour": "straight",
+        "target_speed_mps": 3.0,
+        "start_distance_m": 15.0,
+        "farthest_start_m": 20.0,
+        "follow_s": 1.0,
+    }
 )
 
 
@@ -63,6 +70,7 @@ class ShownChase:
         starts: bool = True,
         action_choice: ActionChoice | None = None,
         scenario: Scenario = SCENARIO,
+        settings: ServiceSettings | None = None,
     ) -> None:
         limits = limits or SafetyLimits()
         self.amend: Callable[[Snapshot], Snapshot] = lambda snapshot: snapshot
@@ -75,6 +83,7 @@ class ShownChase:
             0,
             fault_plan(faults),
             limits=limits,
+            settings=settings,
             starts=False,
         )
         self.head = head_for(controller, limits, scenario)
@@ -162,8 +171,11 @@ def misheard_chase() -> RecordedChase:
 
 @functools.cache
 def flown_chase() -> RecordedChase:
-    """A target that flies past is heard in flight, one receiver falls silent, and the target is reached after 7.4 s."""
-    return recorded(9.0, scenario=FLIGHT, limits=site_limits(FLIGHT), faults="silent=2@1-3")
+    """A target that flies past is heard in flight, one receiver falls silent, and the target is reached after 5 s and
+    followed for a second.
+    """
+    settings = ServiceSettings(follow=True)
+    return recorded(7.5, scenario=FLIGHT, limits=site_limits(FLIGHT), settings=settings, faults="silent=2@1-3")
 
 
 @functools.cache

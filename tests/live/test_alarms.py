@@ -197,6 +197,8 @@ def test_an_estimate_is_the_middle_of_the_belief_and_how_far_it_reaches() -> Non
         "distance_m": 14.1,
         "bearing_deg": 45.0,
         "elevation_deg": 0.0,
+        "velocity_mps": None,
+        "region": {"center_m": [10.0, 10.0, 6.0], "half_axes_m": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]},
     }
     wide = estimate_of(np.vstack([belief_m, belief_m[-1:]]), (20.0, 10.0, 15.0))
     assert wide is not None

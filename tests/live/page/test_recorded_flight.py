@@ -28,8 +28,8 @@ from swarmchase.simulation.site import site_limits
 CHROMIUM = shutil.which("chromium")
 SOFTWARE = ["--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PHONE, SMALL, LARGE = (390, 844), (1280, 800), (1920, 1080)
-PURSUED_S, AFTER_S = 3.0, 8.8
-"""While it flies, and after the target was reached."""
+PURSUED_S, FOLLOWED_S, AFTER_S = 3.0, 5.5, 7.0
+"""While the target is pursued and followed, and after that."""
 PATIENCE_MS = 60_000
 SECOND_NS = 10**9
 SETTLED_MS = 800
@@ -161,6 +161,11 @@ def test_the_page_shows_a_flight(page: Any) -> None:
     )
     assert page.locator("#decision-panel").is_hidden()
     assert not re.search("NaN|undefined|null|Infinity", page.inner_text("body"))
+    assert page.locator("#pursuit-followed-row").is_hidden()
+    go_to(page, FOLLOWED_S)
+    assert page.inner_text("#state-name") == "FOLLOWING"
+    assert page.inner_text("#pursuit-followed-what") == "followed within 10 m"
+    assert re.fullmatch(r"100 % of [01] s", page.inner_text("#pursuit-followed"))
     go_to(page, AFTER_S)
     until(lambda: page.locator("#result-title").text_content() == "Target reached")
     assert int(page.inner_text("#pursuit-within").split()[0]) > 40
@@ -213,7 +218,7 @@ def test_the_way_from_event_to_event(page: Any, flight: RecordedChase) -> None:
     go_to(page, 0.5)
     titles = [mark.get_attribute("title") for mark in page.locator("#marks i").all()]
     assert len(titles) >= 3
-    assert any("pursuing -> reached" in title for title in titles)
+    assert any("pursuing -> following" in title for title in titles)
     seen = []
     while page.locator("#event-after").is_enabled():
         page.locator("#event-after").press("Enter")
@@ -221,7 +226,7 @@ def test_the_way_from_event_to_event(page: Any, flight: RecordedChase) -> None:
     assert seen == pytest.approx([time_s for time_s in times_s if time_s > 0.56], abs=0.051)
     until(lambda: page.locator("#result-title").text_content() == "Target reached")
     page.locator("#event-before").click()
-    until(lambda: page.locator("#state-name").text_content() == "pursuing")
+    until(lambda: page.locator("#state-name").text_content() == "following")
 
 
 # Drawn

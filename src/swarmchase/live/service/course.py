@@ -64,7 +64,7 @@ class FlightCourse:
         before = self.state
         is_caught = belief is not None and self._judge.is_reached(window, origin_m, belief)
         self._loss.take(float(window.time_s[-1]), bool(np.isfinite(window.rssi_dbm).any()), belief)
-        if self.is_followed and belief is not None:
+        if self.is_followed and before is not ChaseState.REACHED and belief is not None:
             self.following.count(float(np.linalg.norm(belief.mean_m[0].numpy() + origin_m - window.center_m)))
         reason = self._next(is_caught)
         if before is not ChaseState.SEARCHING and self.state is ChaseState.SEARCHING:

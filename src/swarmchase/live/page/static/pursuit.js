@@ -14,7 +14,7 @@ export class PursuitPanel {
   constructor(panel) {
     this.panel = panel;
     this.parts = Object.fromEntries(
-      ["target", "closing", "to-go", "intercept", "within", "within-what", "changed"].map((name) => [name, panel.querySelector(`#pursuit-${name}`)]),
+      ["target", "closing", "to-go", "intercept", "within", "within-what", "followed", "followed-what", "followed-row", "changed"].map((name) => [name, panel.querySelector(`#pursuit-${name}`)]),
     );
     this.chart = panel.querySelector("#belief-chart");
     this.plot = new uPlot(options(), [[], [], []], this.chart);
@@ -36,6 +36,11 @@ export class PursuitPanel {
     setText(this.parts["to-go"], interception?.time_to_go_s ? `${number(interception.time_to_go_s)} s` : NOTHING);
     setText(this.parts.intercept, interception?.position_m ? `${metres(interception.position_m, 0)} m` : NOTHING);
     setText(this.parts.within, share(frame.share_within));
+    this.parts["followed-row"].hidden = !frame.following;
+    if (frame.following) {
+      setText(this.parts["followed-what"], `followed within ${number(frame.following.within_m, 0)} m`);
+      setText(this.parts.followed, `${share(frame.following.share)} of ${number(frame.following.seconds, 0)} s`);
+    }
     setText(this.parts.changed, frame.decision?.changed ? `Flown otherwise: ${frame.decision.changed}.` : "");
     this.drawChart(track);
   }
