@@ -16,6 +16,9 @@ class Tripod:
     def __init__(self, position_m: Metres) -> None:
         self.position_m = position_m
 
+    def health(self, tracker: int) -> None:
+        """It has no battery."""
+
     def said(self) -> list[tuple[str, str]]:
         """Nothing."""
         return []
