@@ -47,7 +47,7 @@ from swarmchase.simulation.virtual_chase import KEYS, START_NS, TICK_S, VirtualC
 from swarmchase.simulation.virtual_network import CONTROLLER, VirtualSocket
 from swarmchase.world.environment import Environment
 
-IDLE, CONNECTING, SAMPLING, MOVING, PURSUING, HOLDING, REACHED, LOST, ABORTED = ChaseState
+IDLE, CONNECTING, SAMPLING, MOVING, PURSUING, FOLLOWING, SEARCHING, HOLDING, REACHED, LOST, ABORTED = ChaseState
 NEAR: dict[str, Any] = {
     "sampling_hz": 100,
     "spatial_correlation": 0.9,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from swarmchase import formation
@@ -513,8 +513,12 @@ def flown(
     obstacles_m: np.ndarray,
     wanted: list[tuple[float, float, float, float]],
     follow: float,
+    pulled_back_m: dict[int, np.ndarray] | None = None,
 ) -> list[np.ndarray]:
-    """Every set-point that these actions get out, for trackers that fly this share of their way in each step."""
+    """Every set-point that these actions get out, for trackers that fly this share of their way in each step.
+
+    ``pulled_back_m`` is told where the trackers were at the steps in which set-points were pulled back to them.
+    """
     safety, stream = SafetyFilter(limits, CHOICES_M), SetPointStream(limits)
     for tracker in np.flatnonzero(np.isfinite(start_m).all(axis=1)):
         stream.hold(int(tracker), start_m[tracker])
@@ -524,7 +528,10 @@ def flown(
         now = safety.move(now, now.center_m + at(x_m, y_m, z_m), spacing_m, stream.set_point_m, position_m, obstacles_m)
         stream.fly(now.legs)
         for _ in range(40):
+            pulled_back = stream.pulled_back
             stream.advance(0.2, traffic(position_m, obstacles_m))
+            if pulled_back_m is not None and stream.pulled_back > pulled_back:
+                pulled_back_m[len(out)] = position_m
             if np.nanmax(np.linalg.norm(stream.set_point_m - position_m, axis=1)) <= ARRIVED_M:
                 stream.turn()
             out.append(stream.set_point_m.copy())
@@ -573,15 +580,30 @@ def test_no_controller_gets_a_set_point_through_that_violates_a_limit(
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(point, min_size=6, max_size=6), actions, st.sampled_from([1.0, 0.3]), st.integers(0, 2))
+@example([(0.0, 0.0, 0.0)] * 6, [(1e308, 1e308, 1e308, 1e308)], 0.3, 0)
+@example(
+    [(0.0, 0.0, 0.0)] * 2 + [(0.0, -1.0, -4.0)] * 2 + [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)],
+    [(1e308, 1e308, 1e308, 6.0)],
+    0.3,
+    1,
+)
 def test_from_an_illegal_start_nothing_gets_worse(
     start: list[tuple[float, ...]], wanted: list[tuple[float, float, float, float]], follow: float, num_lost: int
 ) -> None:
-    """Outside the fence, on top of one another: no coordinate gets further out, no pair that is too near nearer."""
+    """Outside the fence, on top of one another: no coordinate gets further out, no pair that is too near nearer; but
+    who is in another's way gets its set-point back on its way to it, since what counts is where it is.
+    """
     limits = dataclasses.replace(tight, fence_west_m=-5.0, fence_south_m=0.0, minimum_separation_m=3.0)
     points_m = np.array(start)
     start_m, obstacles_m = points_m.copy(), points_m[:num_lost]
     start_m[:num_lost] = math.nan
-    for before_m, after_m in itertools.pairwise(flown(limits, start_m, obstacles_m, wanted, follow)):
+    pulled_back_m: dict[int, np.ndarray] = {}
+    out = flown(limits, start_m, obstacles_m, wanted, follow, pulled_back_m)
+    for step, (before_m, after_m) in enumerate(itertools.pairwise(out), start=1):
+        if step in pulled_back_m:
+            ahead_m = [np.linalg.norm(set_point_m - pulled_back_m[step], axis=1) for set_point_m in (before_m, after_m)]
+            assert not (ahead_m[1] > ahead_m[0] + TINY_M).any()
+            continue
         assert not (after_m < np.minimum(limits.low_m, before_m)).any()
         assert not (after_m > np.maximum(limits.high_m, before_m)).any()
         for one, other in itertools.combinations(range(6), 2):
