@@ -236,6 +236,10 @@ COMPARISONS = {
             "belief: error, median in m",
         ),
     ),
+    "adaptive-settings": (
+        300,
+        ("mean movements", "90th percentile of movements", "difference of the mean from recurrent"),
+    ),
     "robustness": (500, ("mean movements", "reached", "difference of the mean from robust")),
 }
 
