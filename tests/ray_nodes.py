@@ -37,6 +37,10 @@ class Nodes:
         """The node is gone at once, with all of its processes."""
         self._cluster.remove_node(node, allow_graceful=False)
 
+    def settle(self) -> None:
+        """Wait until the head has noticed which nodes have gone: it takes some seconds."""
+        self._cluster.wait_for_nodes(WAIT_S)
+
     @contextlib.contextmanager
     def with_node(self, num_cpus: float) -> Iterator[Any]:
         """A further node as long as the block lasts; it says that it goes."""

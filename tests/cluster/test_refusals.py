@@ -122,6 +122,7 @@ def test_what_is_installed_here_is_found() -> None:
 
 
 def test_a_cluster_without_cpus(head: Nodes) -> None:
+    head.settle()
     with pytest.raises(InputError, match="has no CPUs: start its nodes with"), connected(head.address, 1):
         pass
 
