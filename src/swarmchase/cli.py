@@ -18,11 +18,12 @@ from typing import NoReturn, TextIO
 import tyro
 
 from .commands.catalogue import COMMANDS, Command, kind, members
-from .commands.configuration import configuration_path, meant, print_configuration, with_configuration
+from .commands.configuration import configuration_path, print_configuration, with_configuration
 from .commands.overview import print_group, print_overview
 from .commands.terminal import CONSOLE, discard
 from .errors import InputError, WorkerDiedError
 from .processes.stop_request import Interrupted, stopped_at_once
+from .ranges import meant
 
 HELP = ("--help", "-h")
 WITHOUT_TORCH = {"keys", "tracker", "completion"}

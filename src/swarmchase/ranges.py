@@ -1,9 +1,10 @@
 """What a setting may be, declared beside it, and one refusal for all: its name, the value and what is allowed."""
 
 import dataclasses
+import difflib
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,6 +93,12 @@ def require_choice(name: str, value: Any, allowed: Sequence[str]) -> None:
     """
     if value not in allowed:
         raise InputError(f"{name} = {shown(value)} is refused: allowed is {' or '.join(map(repr, allowed))}")
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """What was probably meant by a word that is not known, in brackets; nothing where none is alike."""
+    alike = difflib.get_close_matches(word, list(known), n=1)
+    return f" (did you mean {alike[0]}?)" if alike else ""
 
 
 def shown(value: Any) -> str:

@@ -1,9 +1,8 @@
 """Options from a TOML file, ``swarmchase serve --config FILE``; what the command line says as well counts."""
 
 import dataclasses
-import difflib
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,11 @@ from typing import Any
 from tyro.conf import FlagCreatePairsOff
 
 from ..errors import InputError
-from ..ranges import shown
+from ..ranges import meant, shown
 from ..reading import Bounds, read_toml
 from ..scenario import toml_value
 
 BOUNDS = Bounds(most_bytes=100_000, most_values=1000, most_levels=4)
-ALIKE = 0.6
-"""Two words are alike from this similarity on (difflib's ratio)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,12 +66,6 @@ def print_configuration(command: Any) -> None:
         if field.name not in OWN_OPTIONS:
             print(f"# {field.name} =" if value is None else f"{field.name} = {_toml(value)}")
     sys.stdout.flush()
-
-
-def meant(word: str, known: Iterable[str]) -> str:
-    """What was probably meant by a word that is not known, in brackets; nothing where none is alike."""
-    alike = difflib.get_close_matches(word, list(known), n=1, cutoff=ALIKE)
-    return f" (did you mean {alike[0]}?)" if alike else ""
 
 
 def _words(path: Path, name: str, value: Any) -> list[str]:

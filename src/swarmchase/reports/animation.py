@@ -12,14 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL.Image import Image
 
 from ..errors import InputError
 from ..files import atomic_path
 from .flight_paths import FlightPaths, flight_paths, is_told_in_seconds
-from .plan_view import CENTER_STYLE, TARGET_STYLE, PathStyle, draw_end, draw_path, draw_start, set_view
+from .plan_view import CENTER_STYLE, TARGET_STYLE, PathStyle, draw_end, draw_path, draw_start, plan_and_height
 from .style import STYLE
 
 FORMATS = (".gif", ".mp4")
@@ -111,17 +110,7 @@ class _Scene:
 
     def __init__(self, figure: Figure, log: dict[str, Any], paths: FlightPaths) -> None:
         self._log, self._paths = log, paths
-        plan_axes, height_axes = figure.subplots(2, 1, height_ratios=(3.2, 1))
-        set_view(plan_axes, paths.from_above_m, height_share=0.95)
-        plan_axes.legend(
-            handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle()],
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1.0),
-            ncols=2,
-            frameon=False,
-        )
-        height_axes.set(xlabel=paths.clock_label, ylabel="height (m)")
-        height_axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        plan_axes, height_axes = plan_and_height(figure, paths)
         self._growing = [
             _GrowingPath(axes, style, place_m)
             for style, where_m in ((CENTER_STYLE, paths.center_m), (TARGET_STYLE, paths.target_m))

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from .flight_paths import FlightPaths
 from .style import TARGET_COLOR
 
 MARGIN_SHARE = 0.07
@@ -55,6 +57,22 @@ def set_view(axes: Axes, places_m: NDArray[np.float64], height_share: float) -> 
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     _draw_north(axes)
     _draw_scale(axes, width_m)
+
+
+def plan_and_height(figure: Figure, paths: FlightPaths, margins: dict[str, float] | None = None) -> tuple[Axes, Axes]:
+    """Empty axes for both paths from above and, below them, for their heights over time; fixed margins if given."""
+    plan_axes, height_axes = figure.subplots(2, 1, height_ratios=(3.2, 1), gridspec_kw=margins)
+    set_view(plan_axes, paths.from_above_m, height_share=0.95)
+    plan_axes.legend(
+        handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle()],
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=2,
+        frameon=False,
+    )
+    height_axes.set(xlabel=paths.clock_label, ylabel="height (m)")
+    height_axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    return plan_axes, height_axes
 
 
 def draw_path(axes: Axes, style: PathStyle, place_m: NDArray[np.float64]) -> Line2D:

@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .flight_paths import FlightPaths
-from .plan_view import CENTER_STYLE, TARGET_STYLE, draw_end, draw_path, draw_start, set_view
+from .plan_view import CENTER_STYLE, TARGET_STYLE, draw_end, draw_path, draw_start, plan_and_height
 from .style import STYLE
 
 SIZE_INCHES = (4.8, 6.0)
@@ -33,8 +33,7 @@ def draw_scene(paths: FlightPaths, figure: Figure | None = None) -> NDArray[np.u
             figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH)
             FigureCanvasAgg(figure)
         figure.clear()
-        plan_axes, height_axes = figure.subplots(2, 1, height_ratios=(3.2, 1), gridspec_kw=MARGINS)
-        set_view(plan_axes, paths.from_above_m, height_share=0.95)
+        plan_axes, height_axes = plan_and_height(figure, paths, MARGINS)
         for style, place_m in ((CENTER_STYLE, paths.center_m), (TARGET_STYLE, paths.target_m)):
             for axes, way in (
                 (plan_axes, place_m[:, :2]),
@@ -43,15 +42,6 @@ def draw_scene(paths: FlightPaths, figure: Figure | None = None) -> NDArray[np.u
                 draw_path(axes, style, way)
                 draw_start(axes, style, way)
                 draw_end(axes, style, way)
-        plan_axes.legend(
-            handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle()],
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1.0),
-            ncols=2,
-            frameon=False,
-        )
-        height_axes.set(xlabel=paths.clock_label, ylabel="height (m)")
-        height_axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         height_axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         figure.suptitle(f"{paths.clock_label} {paths.clock[-1]:g}  distance {paths.distance_m[-1]:.1f} m", fontsize=10)
         canvas = figure.canvas

@@ -1,6 +1,5 @@
 """What targets do: one file each, all behind ``protocol.Behaviour``. ``load_behaviour`` finds one by name or path."""
 
-import difflib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import torch
 
 from ...errors import InputError
 from ...plug_ins import made_by_plug_in, plug_in_names
-from ...ranges import shown
+from ...ranges import meant, shown
 from ...scenario import Scenario
 from .circle import Circle
 from .flee import Flee
@@ -55,8 +54,7 @@ def load_behaviour(scenario: Scenario, device: torch.device | str = "cpu") -> Be
     if name in plug_in_names("behaviours"):
         made: Behaviour = made_by_plug_in("behaviours", name, Behaviour, scenario, device)
         return made
-    near = difflib.get_close_matches(name, behaviour_names(), n=1)
     raise InputError(
-        f"no behaviour {shown(name)}{f' (did you mean {near[0]}?)' if near else ''}; there are "
+        f"no behaviour {shown(name)}{meant(name, behaviour_names())}; there are "
         f"{', '.join(behaviour_names())}, or give the path of a track (.csv)"
     )
