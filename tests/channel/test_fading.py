@@ -11,14 +11,14 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import toeplitz
+from scipy.linalg import eigh, toeplitz
 from scipy.special import j0
 
 from swarmchase.batch.selection import join_chases, select_chases
 from swarmchase.batch.streams import chase_keys
-from swarmchase.channel.drawn_windows import jakes_basis
 from swarmchase.channel.fading import DEEPEST_FADE_DB, Fading, spatial_mixing, window_time_s
 from swarmchase.channel.fading_process import fading_process, first_window
+from swarmchase.channel.jakes_basis import SIGNS, jakes_basis
 from swarmchase.channel.propagation import path_loss_db
 from swarmchase.channel.running_process import harmonic_frequency_hz
 from swarmchase.scenario import Scenario, paper_scenario
@@ -84,13 +84,34 @@ def test_mixing_is_a_square_root_of_the_correlation(rho: float) -> None:
     np.testing.assert_allclose(root @ root, correlation, atol=1e-14)
 
 
-@pytest.mark.parametrize(("sampling_hz", "rank"), [(10, 18), (20, 12), (50, 8), (100, 6)])
+@pytest.mark.parametrize(("sampling_hz", "rank"), [(10.0, 18), (20.0, 12), (50.0, 8), (100.0, 6)])
 def test_jakes_basis_is_short_and_reproduces_the_covariance(sampling_hz: float, rank: int) -> None:
     time_s = np.arange(50) / sampling_hz
-    basis = jakes_basis(time_s, 1.0)
+    basis = jakes_basis(50, sampling_hz, 1.0)
     assert abs(len(basis) - rank) <= 1
     # Both parts of a CN(0, 1) have variance 1/2.
     np.testing.assert_allclose(2 * basis.T @ basis, toeplitz(j0(2 * np.pi * time_s)), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("num_samples", "sampling_hz", "doppler_spread_hz"),
+    [*SIGNS, (35, 10.0, 1.0), (50, 30.0, 1.0), (500, 100.0, 1.0), (50, 10.0, 0.0), (1, 10.0, 1.0)],
+)
+def test_jakes_basis_is_the_same_whatever_signs_the_eigensolver_chooses(
+    num_samples: int, sampling_hz: float, doppler_spread_hz: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They differ between processors, and so did a chase of the same seed once."""
+
+    def other_signs(matrix: Any) -> Any:
+        value, vector = eigh(matrix)
+        return value, vector * np.random.default_rng(0).choice([-1.0, 1.0], size=num_samples)
+
+    first = jakes_basis(num_samples, sampling_hz, doppler_spread_hz)
+    monkeypatch.setattr("scipy.linalg.eigh", other_signs)
+    np.testing.assert_array_equal(jakes_basis(num_samples, sampling_hz, doppler_spread_hz), first)
+    told = SIGNS.get((num_samples, sampling_hz, doppler_spread_hz), "+" * len(first))
+    assert "".join("+" if begin > 0 else "-" for begin in first[:, 0]) == told
+    assert (np.abs(first[:, 0]) > 0.01 * np.abs(first).max(axis=1)).all()  # rounding decides nothing
 
 
 @pytest.mark.parametrize(("horizon_s", "num_harmonics"), [(5.0, 31), (60.0, 221)])

@@ -2,16 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from ..batch.array_types import Float, Tensor
 from ..batch.streams import ChaseKey, ChaseStreams, Purpose
 from ..scenario import NUM_TRACKERS, Scenario
 from .fading import amplitudes, drawn_los_phase_rad, mixed, spatial_mixing, with_line_of_sight
-
-DISCARDED_POWER = 1e-9
-"""Share of the scattered power that the truncated eigendecomposition may leave out (its error in any covariance)."""
+from .jakes_basis import jakes_basis
 
 
 @dataclass(frozen=True)
@@ -59,25 +56,8 @@ class DrawnWindows:
 
     def _basis(self, num_samples: int) -> Float[Tensor, "rank sample"]:
         if num_samples not in self._bases:
-            sample_time_s = np.arange(num_samples) / self._scenario.sampling_hz
-            basis = self._scattered_amplitude * jakes_basis(sample_time_s, self._scenario.doppler_spread_hz)
+            scenario = self._scenario
+            basis = jakes_basis(num_samples, scenario.sampling_hz, scenario.doppler_spread_hz)
+            basis = self._scattered_amplitude * basis
             self._bases[num_samples] = torch.from_numpy(basis).float().to(self._device)
         return self._bases[num_samples]
-
-
-def jakes_basis(
-    sample_time_s: "np.ndarray[tuple[int], np.dtype[np.float64]]", doppler_spread_hz: float
-) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    """B [rank, sample] such that w B, w of CN(0, 1), has the covariance J0(2 pi f_d tau) of Clarke's model.
-
-    The Toeplitz matrix is numerically singular (its condition passes 1e15), so Cholesky fails; the eigenvectors
-    that hold all but ``DISCARDED_POWER`` of the power are exact to that figure. Each of the two parts of w has
-    variance 1/2, which is folded into B: feed standard normals for both.
-    """
-    from scipy.linalg import eigh, toeplitz
-    from scipy.special import j0
-
-    covariance = toeplitz(j0(2 * np.pi * doppler_spread_hz * sample_time_s))
-    eigenvalue, eigenvector = eigh(covariance)
-    kept = eigenvalue > DISCARDED_POWER * eigenvalue.sum()
-    return np.asarray((eigenvector[:, kept] * np.sqrt(eigenvalue[kept] / 2)).T)

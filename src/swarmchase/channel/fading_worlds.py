@@ -40,7 +40,9 @@ class WorldsFading:
         apart = (lag[:, None] - lag).abs()
         covariance = torch.special.bessel_j0(2 * math.pi * grid[:, None, None] * apart)
         value, vector = torch.linalg.eigh(covariance)
-        self._root = (vector * value.clamp(min=0.0).sqrt()[:, None]).float().to(device)
+        # the symmetric root: eigenvectors' signs, which differ between processors, cancel out
+        root = (vector * value.clamp(min=0.0).sqrt()[:, None]) @ vector.mT
+        self._root = root.float().to(device)
         self._grid = grid.to(device)
 
     def drawn_db(
