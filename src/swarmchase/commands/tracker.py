@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import arg
 
@@ -47,7 +47,9 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
     rssi_column: str = "rssi_dbm"
     """Levels in a replayed .csv or .json and in JSON records, there also a way: rxInfo.0.rssi."""
     time_column: str = "time_s"
-    """Times in the same: seconds or ISO 8601."""
+    """Times in the same: seconds or ISO 8601; empty: the rows of a .csv are 1/F apart."""
+    rssi_unit: Literal["dbm", "sik"] = "dbm"
+    """Of a replayed .csv or .json: dBm, or the numbers of a SiK radio."""
     mac_column: str = "mac"
     """Whose transmission it is, in JSON records."""
     transmitter_mac: str | None = None

@@ -1,7 +1,7 @@
 """A packet as a capture holds it, whatever the container."""
 
 from collections.abc import Collection
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from ....errors import InputError
 
@@ -20,6 +20,7 @@ class Packet(NamedTuple):
     content: bytes
 
 
+@runtime_checkable
 class PacketReader(Protocol):
     """Takes the bytes of a capture as they come."""
 

@@ -6,8 +6,9 @@ from .kismet import KismetSource
 from .line_source import LineSource, OpenDescriptor
 from .pcap import PcapSource, pcap_rows
 from .protocol import CalibratedSource, RssiSource, Sample
+from .radio_status import RadioStatusSource, sik_dbm
 from .rejected import Rejected
-from .replay import ReplaySource, csv_rows, json_rows, sik_dbm
+from .replay import ReplaySource, csv_rows, json_rows
 from .sample_buffer import SampleBuffer
 from .sender_clock import SenderClock
 from .simulated import SimulatedSource
@@ -21,6 +22,7 @@ __all__ = [
     "LineSource",
     "OpenDescriptor",
     "PcapSource",
+    "RadioStatusSource",
     "Rejected",
     "ReplaySource",
     "RssiSource",

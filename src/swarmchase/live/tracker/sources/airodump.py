@@ -83,20 +83,19 @@ class AirodumpSource:
 
     def _changed_devices(self) -> Iterator[HeardDevice]:
         """Those that were heard since the last call."""
-        changed_ns = self._path.stat().st_mtime_ns if self._path.exists() else -1
-        if changed_ns == self._changed_ns:
-            return
         with opened(self._path, "CSV of airodump-ng") as file:
-            content = file.read(LARGEST_FILE_BYTES)
             changed_ns = os.fstat(file.fileno()).st_mtime_ns
+            if changed_ns == self._changed_ns:
+                return
+            content = file.read(LARGEST_FILE_BYTES)
         self._changed_ns = changed_ns
-        for device in parse_devices(content):
-            if self._seen.get(device.mac) != device.seen:
-                self._seen[device.mac] = device.seen
-                yield device
+        devices = parse_devices(content)
+        yield from (device for device in devices if self._seen.get(device.mac) != device.seen)
+        self._seen = {device.mac: device.seen for device in devices}
 
     def _counts(self, device: HeardDevice) -> bool:
         if math.isnan(device.power_dbm):
+            self.rejected.add("of unknown power", device.mac)
             return False
         names = [] if device.name is None else [device.name]
         if self._transmitters.counts(device.mac, names, device.power_dbm):

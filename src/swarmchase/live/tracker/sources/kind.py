@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from ...address import AddressKind
 from .protocol import RssiSource
@@ -18,7 +19,9 @@ class SourceDetails:
     rssi_column: str = "rssi_dbm"
     """Of a replayed CSV or JSON file; in JSON records the name of the field, or its way through others."""
     time_column: str = "time_s"
-    """Of the same, in seconds or as ISO 8601."""
+    """Of the same, in seconds or as ISO 8601; empty: the rows of a CSV file are 1/F apart."""
+    rssi_unit: Literal["dbm", "sik"] = "dbm"
+    """Of a replayed CSV or JSON file: dBm, or the numbers of a SiK radio."""
     mac_column: str = "mac"
     """Of JSON records: whose transmission it is."""
     transmitter_mac: str | None = None

@@ -2,7 +2,7 @@
 
 import os
 import select
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from .lines import LineParts, LineRecords
 from .protocol import Sample
@@ -11,6 +11,7 @@ from .rejected import Rejected
 READ_BYTES = 65536
 
 
+@runtime_checkable
 class ByteStream(Protocol):
     """Bytes as they come."""
 

@@ -1,11 +1,12 @@
 """Lines from whatever writes them, and the samples in them."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from .protocol import Sample
 from .rejected import Rejected
 
 
+@runtime_checkable
 class LineRecords(Protocol):
     """Turns lines, or messages, into samples and counts those that are none."""
 

@@ -104,6 +104,9 @@ def _open(place: str, details: SourceDetails) -> MqttSource:
         raise InputError(f"source 'mqtt:{place}' is refused: allowed is mqtt:[USER@]HOST[:PORT]/TOPIC")
     host, port = host_and_port(f"{found['host']}:{found['port'] or DEFAULT_PORT}")
     password = _password(details.mqtt_password_file)
+    levels = found["topic"].split("/")
+    if "#" in "/".join(levels)[:-1] or any(set("+#") & set(level) and len(level) > 1 for level in levels):
+        raise InputError(f"topic {found['topic']!r} is refused: + is for a whole level, # for all at the end")
     return MqttSource(host, port, found["topic"], PrintedRecords(details), found["user"], password)
 
 

@@ -23,24 +23,24 @@ class PcapSource:
     """Packets that are being captured: from a growing file, from where it ends now, or from a pipe (/dev/stdin).
 
     Args:
-        transmitters: whose frames count.
+        transmitters: whose frames count; without it everybody's, of whom there may be one.
 
     Raises:
         InputError: the file cannot be opened or is no such capture; it holds several transmitters already, and none
             was chosen.
     """
 
-    def __init__(self, path: Path, transmitters: Transmitters) -> None:
+    def __init__(self, path: Path, transmitters: Transmitters | None = None) -> None:
         self._what = f"capture {path}"
-        self._path, self._transmitters = path, transmitters
-        self._levels = CapturedLevels(transmitters)
+        self._path, self._transmitters = path, transmitters or Transmitters()
+        self._levels = CapturedLevels(self._transmitters)
         self._clock = SenderClock()
         self._file = GrowingFile(path, "capture")
         try:
             # What a file holds already is not how strong the signal is now; but it says who is there.
             while held := self._file.held():
                 self._levels.feed(held)
-            transmitters.require_one(self._what)
+            self._transmitters.require_one(self._what)
         except InputError:
             self.close()
             raise
@@ -71,14 +71,14 @@ class PcapSource:
         self._file.close()
 
 
-def pcap_rows(path: Path, transmitters: Transmitters) -> Iterator[Row]:
+def pcap_rows(path: Path, transmitters: Transmitters | None = None) -> Iterator[Row]:
     """The levels of a finished capture, for ``ReplaySource``. It is read twice: the first time for who is in it.
 
     Raises:
         InputError: the file cannot be read, or is no capture with radiotap headers; several transmit in it and none was
             chosen, or the chosen one does not.
     """
-    what = f"capture {path}"
+    what, transmitters = f"capture {path}", transmitters or Transmitters()
     for _ in _read_through(path, transmitters):
         pass
     transmitters.require_one(what)

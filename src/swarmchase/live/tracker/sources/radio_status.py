@@ -12,12 +12,17 @@ from ..vehicles.transports import SerialTransport, Transport, UdpTransport
 from .kind import SourceDetails, SourceKind
 from .protocol import Sample
 from .rejected import Rejected
-from .replay import sik_dbm
 
 UNKNOWN = 255
 """MAVLink's common.xml: UINT8_MAX is invalid or unknown."""
 OWN_SYSTEM = 254
 """Nothing is said, so nobody sees it."""
+
+
+def sik_dbm(rssi: float) -> float:
+    """What a SiK telemetry radio's RSSI number means: rssi / 1.9 - 127 dBm (ArduPilot's documentation of the 3DR SiK
+    radio); 0 is what it reports while it hears nothing."""
+    return rssi / 1.9 - 127 if rssi > 0 else math.nan
 
 
 class RadioStatusSource:

@@ -18,6 +18,7 @@ from .iso_time import time_s
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
 from .protocol import MOST_PER_READ, Row, Sample
+from .radio_status import sik_dbm
 from .rejected import Rejected
 from .rtl_power import LONGEST_LINE_BYTES, parse_hop, rtl_power_rows
 
@@ -108,8 +109,10 @@ def csv_rows(
                 yield row_s, to_dbm(_number(fields[rssi_column]))
 
 
-def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") -> Iterator[Row]:
-    """The rows of a JSON object, or a list, of records, in the order of their times in seconds.
+def json_rows(
+    path: Path, rssi_field: str = "rssi", time_field: str = "time", to_dbm: Callable[[float], float] = float
+) -> Iterator[Row]:
+    """The rows of a JSON object, or a list, of records, in the order of their times.
 
     Raises:
         InputError: the file cannot be read, or is no such object.
@@ -117,7 +120,7 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     loaded = read_json(path, "recording", RECORDING_BOUNDS)
     records = loaded.values() if isinstance(loaded, dict) else loaded if isinstance(loaded, list) else []
     rows = [
-        (time_s(record.get(time_field)), _number(record.get(rssi_field)))
+        (time_s(record.get(time_field)), to_dbm(_number(record.get(rssi_field))))
         for record in records
         if isinstance(record, dict)
     ]
@@ -125,12 +128,6 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     if not found:
         raise InputError(f"{path} holds no record with {time_field!r}")
     yield from found
-
-
-def sik_dbm(rssi: float) -> float:
-    """What a SiK telemetry radio's RSSI number means: rssi / 1.9 - 127 dBm (ArduPilot's documentation of the 3DR SiK
-    radio); 0 is what it reports while it hears nothing."""
-    return rssi / 1.9 - 127 if rssi > 0 else math.nan
 
 
 def _number(value: Any) -> float:
@@ -147,10 +144,14 @@ def _open(place: str, details: SourceDetails) -> ReplaySource:
     return ReplaySource(_rows(Path(place), details))
 
 
+_TO_DBM: dict[str, Callable[[float], float]] = {"dbm": float, "sik": sik_dbm}
+
+
 def _rows(path: Path, details: SourceDetails) -> Iterator[Row]:
     """By what the file begins with, and else by its ending."""
+    to_dbm = _TO_DBM[details.rssi_unit]
     if path.suffix == ".json":
-        return json_rows(path, details.rssi_column, details.time_column)
+        return json_rows(path, details.rssi_column, details.time_column, to_dbm)
     with opened(path, "recording") as file:
         beginning = file.read(MOST_BEGINNING_BYTES)
     if is_capture(beginning):
@@ -158,7 +159,8 @@ def _rows(path: Path, details: SourceDetails) -> Iterator[Row]:
     if parse_hop(beginning.partition(b"\n")[0]) is not None:
         return rtl_power_rows(path, details.frequency_hz)
     if path.suffix == ".csv":
-        return csv_rows(path, details.rssi_column, details.time_column)
+        interval_s = 1 / details.sampling_hz if details.sampling_hz > 0 else math.inf
+        return csv_rows(path, details.rssi_column, details.time_column, interval_s, to_dbm)
     raise InputError(f"cannot replay {path}: allowed are .csv, .json, captures (pcap, pcapng) and sweeps of rtl_power")
 
 
