@@ -48,7 +48,7 @@ class RadioStatusSource:
         for message in self._line.received():
             kind = message.get_type()
             if kind == "RADIO_STATUS":
-                samples.append((now_ns, math.nan if message.rssi == UNKNOWN else sik_dbm(message.rssi)))
+                samples.append((now_ns, math.nan if message.rssi == UNKNOWN else sik_dbm(float(message.rssi))))
             else:
                 self.rejected.add("no RADIO_STATUS", kind)
         return samples

@@ -52,7 +52,7 @@ class Hop(NamedTuple):
             for middle_hz, level_db in zip(middles_hz, self.level_db, strict=True)
             if band_hz[0] <= middle_hz <= band_hz[1] and math.isfinite(level_db)
         )
-        return sum(10 ** (level_db / 10) for level_db in within)
+        return math.fsum(10 ** (level_db / 10) for level_db in within)
 
 
 class Sweeps:

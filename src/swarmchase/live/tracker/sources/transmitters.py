@@ -112,7 +112,7 @@ class Transmitters:
         known += [name for name in names if name not in known][: MOST_NAMES_EACH - len(known)]
 
     def _shown(self, sender: str, median_dbm: float) -> str:
-        names = "".join(f", {shown(name)}" for name in self._names[sender])
+        names = "".join(f", {shown(name)}" for name in self._names[sender] if name != sender)
         return f"{shown(sender)} ({median_dbm:g} dBm{names})"
 
 
