@@ -184,6 +184,11 @@ def test_refused_brokers(place: str, message: str) -> None:
         open_source(f"mqtt:{place}", SourceDetails())
 
 
+def test_a_password_of_nobody(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a password is of a user"):
+        open_source("mqtt:127.0.0.1/rssi", SourceDetails(mqtt_password_file=tmp_path / "password"))
+
+
 # ZeroMQ
 
 

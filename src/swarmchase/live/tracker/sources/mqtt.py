@@ -23,7 +23,7 @@ class MqttSource:
     """Subscribes to a topic. paho's own thread talks to the broker, again and again where it is away.
 
     Raises:
-        InputError: paho-mqtt is not installed, or the topic is none.
+        InputError: paho-mqtt is not installed.
     """
 
     def __init__(
@@ -103,6 +103,8 @@ def _open(place: str, details: SourceDetails) -> MqttSource:
     if found is None:
         raise InputError(f"source 'mqtt:{place}' is refused: allowed is mqtt:[USER@]HOST[:PORT]/TOPIC")
     host, port = host_and_port(f"{found['host']}:{found['port'] or DEFAULT_PORT}")
+    if details.mqtt_password_file is not None and found["user"] is None:
+        raise InputError("a password is of a user: mqtt:USER@HOST[:PORT]/TOPIC says whose --mqtt-password-file holds")
     password = _password(details.mqtt_password_file)
     levels = found["topic"].split("/")
     if "#" in "/".join(levels)[:-1] or any(set("+#") & set(level) and len(level) > 1 for level in levels):
