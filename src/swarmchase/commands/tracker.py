@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import arg
 
@@ -34,7 +34,9 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
 
     number: int
     """0 to 5: at +x, -x, +y, -y, +z, -z of the swarm's centre (x east, y north, z up)."""
-    source: Annotated[str, arg(help=f"Where RSSI samples come from: {help_of(SOURCES)}; docs/live.md describes them.")]
+    source: Annotated[
+        str, arg(help=f"Where RSSI samples come from: {help_of(SOURCES)}; docs/sources.md describes them.")
+    ]
     vehicle: Annotated[str, arg(help=f"One of {help_of(VEHICLES)}.")]
     controller: str = "127.0.0.1:14550"
     """HOST:PORT of swarmchase serve."""
@@ -43,17 +45,27 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
     calibration_offset_db: float = 0.0
     """Added to every level: what this receiver reports too little."""
     rssi_column: str = "rssi_dbm"
-    """Levels in a replayed .csv or .json."""
+    """Levels in a replayed .csv or .json and in JSON records, there also a way: rxInfo.0.rssi."""
     time_column: str = "time_s"
-    """Seconds in a replayed .csv or .json."""
+    """Times in the same: seconds or ISO 8601; empty: the rows of a .csv are 1/F apart."""
+    rssi_unit: Literal["dbm", "sik"] = "dbm"
+    """Of a replayed .csv or .json: dBm, or the numbers of a SiK radio."""
+    mac_column: str = "mac"
+    """Whose transmission it is, in JSON records."""
     transmitter_mac: str | None = None
-    """The device that is chased: needed by kismet, used by captures."""
+    """The device that is chased: needed by kismet, and where several are heard."""
+    transmitter_name: str | None = None
+    """The same by the UAS id of its Remote ID or the name of its network (pcap, airodump-ng, serial, mqtt)."""
+    frequency_hz: tuple[float, float] | None = None
+    """LOW HIGH of the band whose power rtl_power's sweeps give."""
+    mqtt_password_file: Path | None = None
+    """Holds the password of the broker's USER."""
     kismet_token_file: Path | None = None
     """Holds the API key of the Kismet server."""
     serial_baud: int = 115_200
-    """Of a serial source."""
+    """Of serial and of a SiK radio's port."""
     same_clock: bool = False
-    """Times in udp datagrams are of this machine's monotonic clock: they come from another process here."""
+    """Times in JSON records are of this machine's monotonic clock: they come from another process here."""
     position_m: tuple[float, float, float] | None = None
     """X Y Z where a simulated vehicle starts."""
     autopilot_origin_m: tuple[float, float, float] | None = None

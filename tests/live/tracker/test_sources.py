@@ -7,7 +7,6 @@ import math
 import os
 import random
 import socket
-import struct
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -28,8 +27,10 @@ from swarmchase.live.tracker.agent import TrackerAgent
 from swarmchase.live.tracker.sources import (
     CalibratedSource,
     JsonDatagramSource,
-    JsonLinesSource,
+    JsonRecords,
     KismetSource,
+    LineSource,
+    OpenDescriptor,
     PcapSource,
     Rejected,
     ReplaySource,
@@ -40,14 +41,13 @@ from swarmchase.live.tracker.sources import (
     SimulatedSource,
     csv_rows,
     json_rows,
-    pcap_rows,
     sik_dbm,
 )
+from swarmchase.live.tracker.sources.address import open_source
 from swarmchase.live.tracker.sources.json_records import LONGEST_LINE_BYTES, parse_record
+from swarmchase.live.tracker.sources.kind import SourceDetails
 from swarmchase.live.tracker.sources.kismet import parse_answer
-from swarmchase.live.tracker.sources.pcap import PcapParser, transmitter_address
 from swarmchase.live.tracker.sources.protocol import MOST_PER_READ
-from swarmchase.live.tracker.sources.radiotap import Radiotap, parse_radiotap
 from swarmchase.live.tracker.vehicles import SimulatedVehicle
 
 BIRDSEYE = Path(__file__).parents[4] / "shared" / "data" / "birdseye"
@@ -448,16 +448,16 @@ def test_any_line_is_a_record_or_is_none(line: bytes) -> None:
 
 
 @pytest.fixture
-def pipe() -> Iterator[tuple[int, JsonLinesSource]]:
+def pipe() -> Iterator[tuple[int, LineSource]]:
     reading, writing = os.pipe()
-    source = JsonLinesSource(reading)
+    source = LineSource(OpenDescriptor(reading), "standard input", JsonRecords(SourceDetails()))
     yield writing, source
     source.close()
     with contextlib.suppress(OSError):
         os.close(writing)
 
 
-def test_lines_come_in_pieces_and_bad_ones_are_counted(pipe: tuple[int, JsonLinesSource]) -> None:
+def test_lines_come_in_pieces_and_bad_ones_are_counted(pipe: tuple[int, LineSource]) -> None:
     writing, source = pipe
     assert source.read(5) == []
     os.write(writing, b'boot ok\n{"rssi_dbm": -61}\r\n\n{"rssi_d')
@@ -479,12 +479,12 @@ def test_lines_come_in_pieces_and_bad_ones_are_counted(pipe: tuple[int, JsonLine
     assert source.ended
 
 
-def test_a_line_without_an_end_does_not_fill_the_memory(pipe: tuple[int, JsonLinesSource]) -> None:
+def test_a_line_without_an_end_does_not_fill_the_memory(pipe: tuple[int, LineSource]) -> None:
     writing, source = pipe
     for _ in range(50):
         os.write(writing, b"x" * 3000)
         assert source.read(5) == []
-        assert len(source._rest) <= LONGEST_LINE_BYTES
+        assert len(source._parts._rest) <= LONGEST_LINE_BYTES
     assert source.rejected == {"too long a line": 1}
     os.write(writing, b'{"rssi_dbm": -1}\n{"rssi_dbm": -61}\n')
     assert source.read(6) == [(6, -61)]
@@ -494,7 +494,7 @@ def test_a_line_without_an_end_does_not_fill_the_memory(pipe: tuple[int, JsonLin
 @given(st.lists(st.binary(max_size=60) | st.just(b'{"rssi_dbm": -61}\n'), max_size=20))
 def test_any_stream_is_read(chunks: list[bytes]) -> None:
     reading, writing = os.pipe()
-    source = JsonLinesSource(reading)
+    source = LineSource(OpenDescriptor(reading), "standard input", JsonRecords(SourceDetails()))
     for chunk in [*chunks, b'\n{"rssi_dbm": -62}\n']:
         os.write(writing, chunk)
         samples = source.read(5)
@@ -506,7 +506,7 @@ def test_any_stream_is_read(chunks: list[bytes]) -> None:
 def test_a_serial_port() -> None:
     """A pseudo-terminal is one, to the system."""
     other_end, port = os.openpty()
-    source = JsonLinesSource(open_serial_port(Path(os.ttyname(port))))
+    source = open_source(f"serial:{os.ttyname(port)}", SourceDetails())
     os.close(port)
     os.write(other_end, b'{"rssi_dbm": -61}\n\x03{"rssi_dbm": -62}\n')  # raw: an interrupt is a byte like any other
     found: list[Sample] = []
@@ -565,7 +565,7 @@ def test_a_port_in_use(datagrams: tuple[Callable[[bytes], None], JsonDatagramSou
 
 
 def test_a_world_on_the_same_clock() -> None:
-    source = JsonDatagramSource(0, same_clock=True)
+    source = JsonDatagramSource(0, details=SourceDetails(same_clock=True))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as world:
         world.sendto(b'{"rssi_dbm": -61, "time_ns": 7000000000}', ("127.0.0.1", source.port))
     found: list[Sample] = []
@@ -707,244 +707,9 @@ def test_any_answer_is_a_level_or_none(answer: bytes) -> None:
     assert record is None or isinstance(record[0], float)
 
 
-# Radiotap and captures
-
-
-def radiotap(words: list[int], fields: bytes) -> bytes:
-    header = struct.pack("<BBH", 0, 0, 4 + 4 * len(words) + len(fields))
-    return header + b"".join(struct.pack("<I", word) for word in words) + fields
-
-
-def bits(*numbers: int) -> int:
-    return sum(1 << number for number in numbers)
-
-
-@pytest.mark.parametrize(
-    ("header", "signal_dbm", "bad_fcs"),
-    [
-        (radiotap([bits(5)], b"\xc4"), -60, False),
-        (radiotap([bits(5)], b"\x7f"), 127, False),
-        (radiotap([0], b""), None, False),
-        (radiotap([bits(6, 11)], b"\xa0\x01"), None, False),  # only the noise and the antenna
-        (radiotap([bits(1, 5)], b"\x40\xc4"), -60, True),
-        # Flags and rate, channel (2-aligned), signal: what most drivers write.
-        (radiotap([bits(1, 2, 3, 5)], b"\x10\x02" + struct.pack("<HH", 5745, 0x140) + b"\xc3"), -61, False),
-        # A rate alone puts the channel on an even byte.
-        (radiotap([bits(2, 3, 5)], b"\x02\x99" + struct.pack("<HH", 5745, 0x140) + b"\xc3"), -61, False),
-        # TSFT is 8-aligned from the beginning of the header: with one word at 8, with two at 16.
-        (radiotap([bits(0, 5)], b"\x00" * 8 + b"\xc2"), -62, False),
-        (radiotap([bits(0, 5, 31), bits(11)], b"\x99" * 4 + b"\x00" * 8 + b"\xc2\x01"), -62, False),
-        # Two antennas, each with a word of its own behind the common one: the common one counts.
-        (radiotap([bits(5, 29, 31), bits(5, 11, 29, 31), bits(5, 11)], b"\xc1\xc0\x00\xbf\x01"), -63, False),
-        # No common one.
-        (radiotap([bits(2, 29, 31), bits(5, 11)], b"\x02\xc0\x00"), -64, False),
-        # A vendor's fields are jumped over (its head is 2-aligned), its bits mean nothing, and our space begins again.
-        (
-            radiotap(
-                [bits(2, 30, 31), bits(2, 6, 29, 31), bits(5)],
-                b"\x02\x99" + b"\x00\x11\x22\x01" + b"\x03\x00" + b"\x01\x02\x03" + b"\xbf",
-            ),
-            -65,
-            False,
-        ),
-        # Without a reset the second word's bits are 32 and up, which nobody has defined.
-        (radiotap([bits(2, 31), bits(5)], b"\x02\xc0"), None, False),
-        # TLVs follow: what came before counts.
-        (radiotap([bits(5, 28)], b"\xbe\x00\x00\x00\x01\x00\x01\x00\x07"), -66, False),
-        (radiotap([bits(2, 28, 29, 31), bits(5)], b"\x02\xc0"), None, False),
-        # It ends before the field.
-        (radiotap([bits(0, 5)], b"\x00" * 8), None, False),
-    ],
-)
-def test_radiotap_headers(header: bytes, signal_dbm: int | None, bad_fcs: bool) -> None:
-    assert parse_radiotap(header + b"frame") == Radiotap(len(header), signal_dbm, bad_fcs)
-
-
-@pytest.mark.parametrize(
-    ("bit", "padding", "size"),
-    [
-        # radiotap.org's list of fields: name, alignment, size.
-        (3, 1, 4),  # channel, 2, 4
-        (14, 1, 2),  # RX flags, 2, 2
-        (16, 0, 1),  # RTS retries, 1, 1
-        (18, 3, 8),  # XChannel, 4, 8
-        (19, 0, 3),  # MCS, 1, 3
-        (20, 3, 8),  # A-MPDU status, 4, 8
-        (21, 1, 12),  # VHT, 2, 12
-        (22, 3, 12),  # timestamp, 8, 12
-        (23, 1, 12),  # HE, 2, 12
-        (24, 1, 12),  # HE-MU, 2, 12
-        (25, 1, 6),  # HE-MU-other-user, 2, 6
-        (26, 0, 1),  # 0-length-PSDU, 1, 1
-        (27, 1, 4),  # L-SIG, 2, 4
-    ],
-)
-def test_fields_before_the_signal(bit: int, padding: int, size: int) -> None:
-    """The rate is byte 12, so that the next field begins at 13, 14 or 16."""
-    fields = b"\x02" + b"\x99" * padding + b"\x55" * size + b"\xc4"
-    header = parse_radiotap(radiotap([bits(2, bit, 29, 31), bits(5)], fields))
-    assert header is not None
-    assert header.antenna_signal_dbm == -60
-
-
-@pytest.mark.parametrize(
-    "packet",
-    [
-        b"",
-        b"\x00" * 7,
-        b"\x01" + radiotap([bits(5)], b"\xc4")[1:],  # another version
-        radiotap([bits(5)], b"\xc4")[:-1],  # cut
-        radiotap([bits(5, 31)], b"\xc4"),  # the second word is missing
-        struct.pack("<BBHI", 0, 0, 4, bits(5)) + b"\xc4",  # shorter than itself
-        struct.pack("<BBHI", 0, 0, 9, bits(31)) + b"\xc4" * 4,  # the second word lies behind it
-    ],
-)
-def test_broken_radiotap_headers(packet: bytes) -> None:
-    assert parse_radiotap(packet) is None
-
-
-@settings(deadline=None)
-@given(
-    st.binary(max_size=80)
-    | st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=4).map(lambda w: radiotap(w, b"\xc4" * 40))
-)
-def test_any_packet_has_a_header_or_none(packet: bytes) -> None:
-    header = parse_radiotap(packet)
-    if header is not None:
-        assert 8 <= header.length <= len(packet)
-        assert header.antenna_signal_dbm is None or -128 <= header.antenna_signal_dbm <= 127
-
-
-def file_header(byte_order: str = "<", magic: int = 0xA1B2C3D4, link_type: int = 127) -> bytes:
-    return struct.pack(byte_order + "IHHiIII", magic, 2, 4, 0, 0, 65535, link_type)
-
-
-def captured(
-    signal_dbm: int, seconds: int = 0, ticks: int = 0, byte_order: str = "<", frame: bytes = b"", flags: int = 0
-) -> bytes:
-    packet = radiotap([bits(1, 5)], struct.pack("Bb", flags, signal_dbm)) + frame
-    return struct.pack(byte_order + "IIII", seconds, ticks, len(packet), len(packet)) + packet
-
-
-def frame_of(address: str, control: int = 0x08) -> bytes:
-    """A data frame: control, duration, receiver, transmitter."""
-    return struct.pack("<BBH", control, 0, 0) + b"\xff" * 6 + bytes.fromhex(address.replace(":", "")) + b"\x00" * 8
-
-
-@pytest.mark.parametrize("byte_order", ["<", ">"])
-@pytest.mark.parametrize(("magic", "ticks"), [(0xA1B2C3D4, 500_000), (0xA1B23C4D, 500_000_000)])
-def test_captures_of_either_byte_order_and_resolution(tmp_path: Path, byte_order: str, magic: int, ticks: int) -> None:
-    path = tmp_path / "capture.pcap"
-    packets = captured(-60, 1000, 0, byte_order) + captured(-61, 1001, ticks, byte_order)
-    # The upper bits of the link type tell the length of the check sequence.
-    path.write_bytes(file_header(byte_order, magic, 0x5400_007F) + packets + b"\x00" * 9)
-    assert list(pcap_rows(path)) == [(1000, -60), (1001.5, -61)]
-    assert ReplaySource(pcap_rows(path)).read(SECOND_NS) == [(SECOND_NS, -60)]
-
-
-def test_only_the_frames_of_one_transmitter() -> None:
-    parser = PcapParser(ADDRESS)
-    other = "02:00:00:00:00:08"
-    packets = [
-        captured(-60, frame=frame_of(ADDRESS)),
-        captured(-61, frame=frame_of(other)),
-        captured(-62, frame=frame_of(ADDRESS), flags=0x40),  # damaged: whose it is is not known
-        captured(-63, frame=frame_of(ADDRESS, control=0xD4)),  # ACK: no transmitter in it
-        captured(-64, frame=frame_of(ADDRESS)[:15]),
-        captured(-65, frame=frame_of(ADDRESS, control=0x80)),  # beacon
-        captured(-66),
-    ]
-    assert [level for _, level in parser.feed(file_header() + b"".join(packets))] == [-60, -65]
-    assert parser.rejected == {"of another transmitter": 5}
-    assert parser.rejected.seen("of another transmitter") == [other]
-    assert transmitter_address(frame_of(other)) == bytes.fromhex("020000000008")
-
-
-def test_a_growing_capture(tmp_path: Path) -> None:
-    path = tmp_path / "capture.pcap"
-    without_level = struct.pack("<IIII", 9, 0, 8, 8) + radiotap([0], b"")
-    path.write_bytes(file_header() + without_level + captured(-1, 10))
-    source = PcapSource(path)
-    assert source.read(5 * SECOND_NS) == []  # what it held before is not how things are now
-    assert source.rejected == {}
-    with open(path, "ab") as file:
-        packet = captured(-60, 20)
-        file.write(packet[:20])
-        file.flush()
-        assert source.read(6 * SECOND_NS) == []
-        file.write(packet[20:] + captured(-61, 20, 250_000))
-        file.flush()
-        assert levels(source.read(7 * SECOND_NS)) == [-60, -61]
-        file.write(captured(-62, 20, 750_000))
-        file.flush()
-        # Half a second after the packet before, by the capturing clock.
-        assert source.read(8 * SECOND_NS) == [(7 * SECOND_NS + 500_100_000, -62)]
-        file.write(struct.pack("<IIII", 0, 0, 2**31, 0) + captured(-63, 21))
-        file.flush()
-        assert source.read(9 * SECOND_NS) == []
-        file.write(captured(-64, 22))
-        file.flush()
-        assert source.read(10 * SECOND_NS) == []
-    assert source.rejected == {"broken capture": 1}
-    source.close()
-
-
-def test_a_capture_from_a_pipe(tmp_path: Path) -> None:
-    path = tmp_path / "pipe"
-    os.mkfifo(path)
-    source = PcapSource(path)
-    assert source.read(5) == []
-    writing = os.open(path, os.O_WRONLY)
-    os.write(writing, file_header() + captured(-60, 20))
-    assert source.read(5) == [(5, -60)]
-    os.close(writing)
-    assert source.read(6) == []
-    source.close()
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, "cannot read"),
-        (b"x" * 24, "no pcap"),
-        (b"\x0a\x0d\x0d\x0a" + b"\x00" * 30, "pcapng"),
-        (file_header(link_type=105), "link type 105"),
-    ],
-)
-def test_refused_captures(tmp_path: Path, content: bytes | None, message: str) -> None:
-    path = tmp_path / "capture.pcap"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        PcapSource(path)
-    with pytest.raises(InputError, match=message):
-        list(pcap_rows(path))
-
-
-@settings(deadline=None)
-@given(st.lists(st.binary(max_size=60) | st.just(captured(-60)), max_size=10), st.integers(1, 100))
-def test_any_capture_is_read_the_same_in_any_pieces(parts: list[bytes], size: int) -> None:
-    content = b"".join(parts)
-    whole, in_pieces = PcapParser(), PcapParser()
-    expected = whole.feed(file_header() + content)
-    in_pieces.feed(file_header())
-    found = [
-        sample for start in range(0, len(content), size) for sample in in_pieces.feed(content[start : start + size])
-    ]
-    assert found == expected
-    assert in_pieces.rejected == whole.rejected
-
-
-@settings(deadline=None)
-@given(st.binary(max_size=60))
-def test_any_file_is_a_capture_or_refused(content: bytes) -> None:
-    with contextlib.suppress(InputError):
-        assert PcapParser().feed(content) == []
-
-
 def test_every_source_is_a_source() -> None:
     sources = [Given(), SimulatedSource(lambda time_ns: -60.0, 1.0), ReplaySource(iter([(0.0, -60.0)]))]
-    kinds = [CalibratedSource, JsonLinesSource, JsonDatagramSource, KismetSource, PcapSource]
+    kinds = [CalibratedSource, LineSource, JsonDatagramSource, KismetSource, PcapSource]
     assert all(isinstance(source, RssiSource) for source in sources)
     assert all(callable(getattr(kind, method)) for kind in kinds for method in ("read", "close"))
 
@@ -971,7 +736,7 @@ def test_a_port_to_which_nobody_sends() -> None:
     assert complaint_of(source) == f"for 6 s no datagram has come to port {port}"
 
 
-def test_records_of_another_form(pipe: tuple[int, JsonLinesSource]) -> None:
+def test_records_of_another_form(pipe: tuple[int, LineSource]) -> None:
     writing, source = pipe
     os.write(writing, b'{"signal": -61, "ts": 5}\n' * 41 + b'{"rssi_dbm": "-61"}\nboot: ok\n')
     assert complaint_of(source) == (
@@ -980,7 +745,7 @@ def test_records_of_another_form(pipe: tuple[int, JsonLinesSource]) -> None:
     )
 
 
-def test_a_receiver_that_hears_nothing_and_says_so_in_its_own_way(pipe: tuple[int, JsonLinesSource]) -> None:
+def test_a_receiver_that_hears_nothing_and_says_so_in_its_own_way(pipe: tuple[int, LineSource]) -> None:
     writing, source = pipe
     os.write(writing, b'{"rssi_dbm": 0}\n{"rssi_dbm": 127}\n{"rssi_dbm": null}\n{"rssi_dbm": 300}\n')
     assert complaint_of(source, offset_db=-5.0) == (
@@ -988,22 +753,10 @@ def test_a_receiver_that_hears_nothing_and_says_so_in_its_own_way(pipe: tuple[in
     )
 
 
-def test_a_line_that_has_ended(pipe: tuple[int, JsonLinesSource]) -> None:
+def test_a_line_that_has_ended(pipe: tuple[int, LineSource]) -> None:
     writing, source = pipe
     os.close(writing)
     assert complaint_of(source) == "for 6 s standard input has ended"
-
-
-def test_frames_of_others(tmp_path: Path) -> None:
-    path = tmp_path / "capture.pcap"
-    path.write_bytes(file_header())
-    source = PcapSource(path, ADDRESS)
-    others = [f"02:00:00:00:01:0{number}" for number in range(3)]
-    with open(path, "ab") as file:
-        file.write(b"".join(captured(-60, frame=frame_of(other)) for other in others * 2))
-    assert complaint_of(source) == (
-        f"for 6 s no level among 6 records: 6 of another transmitter (seen: {', '.join(others)})"
-    )
 
 
 def test_a_recording_that_is_over() -> None:

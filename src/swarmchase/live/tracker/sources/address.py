@@ -2,7 +2,21 @@
 
 from ....plug_ins import load_plug_in, plug_in_names
 from ...address import kind_and_place
-from . import json_datagrams, json_lines, kismet, pcap, replay, serial_lines, simulated
+from . import (
+    airodump,
+    gnuradio,
+    json_datagrams,
+    json_lines,
+    kismet,
+    mqtt,
+    pcap,
+    radio_status,
+    replay,
+    rtl_power,
+    serial_lines,
+    simulated,
+    zmq_records,
+)
 from .kind import SourceDetails, SourceKind
 from .protocol import RssiSource
 
@@ -11,8 +25,14 @@ KINDS = (
     json_lines.KIND,
     serial_lines.KIND,
     json_datagrams.KIND,
+    mqtt.KIND,
+    zmq_records.KIND,
+    gnuradio.KIND,
     kismet.KIND,
     pcap.KIND,
+    airodump.KIND,
+    rtl_power.KIND,
+    radio_status.KIND,
     simulated.KIND,
 )
 """Of all sources there are. A new one is a module that says its ``KIND``, and its name here."""

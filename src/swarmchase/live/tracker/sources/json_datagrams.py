@@ -3,7 +3,7 @@
 from ...address import LOOPBACK, host_and_port
 from ...link.udp_socket import bound_udp_socket
 from .json_records import JsonRecords
-from .kind import SourceDetails, SourceKind
+from .kind import DEFAULT_DETAILS, SourceDetails, SourceKind
 from .protocol import MOST_PER_READ, Sample
 from .rejected import Rejected
 
@@ -14,13 +14,11 @@ class JsonDatagramSource:
     """Datagrams of one record or of several lines, from anybody who can reach the port.
 
     Raises:
-        InputError: the address cannot be had.
+        InputError: the address cannot be had, or that of the device that is chased is none.
     """
 
-    def __init__(
-        self, port: int, host: str = LOOPBACK, same_clock: bool = False, transmitter_mac: str | None = None
-    ) -> None:
-        self._records = JsonRecords(same_clock, transmitter_mac)
+    def __init__(self, port: int, host: str = LOOPBACK, details: SourceDetails = DEFAULT_DETAILS) -> None:
+        self._records = JsonRecords(details)
         self._socket = bound_udp_socket(host, port)
 
     @property
@@ -39,12 +37,17 @@ class JsonDatagramSource:
         return f"no datagram has come to port {self.port}"
 
     def read(self, now_ns: int) -> list[Sample]:
-        """The samples that have come."""
+        """The samples that have come.
+
+        Raises:
+            InputError: several transmit, and none was chosen.
+        """
         samples: list[Sample] = []
         for line in self._lines():
             sample = self._records.sample(line, now_ns)
             if sample is not None:
                 samples.append(sample)
+        self._records.require_one(f"port {self.port}", now_ns)
         return samples
 
     def close(self) -> None:
@@ -65,7 +68,7 @@ class JsonDatagramSource:
 
 def _open(place: str, details: SourceDetails) -> JsonDatagramSource:
     host, port = host_and_port(place, LOOPBACK)
-    return JsonDatagramSource(port, host, details.same_clock, details.transmitter_mac)
+    return JsonDatagramSource(port, host, details)
 
 
 KIND = SourceKind(scheme="udp", place="PORT", open=_open)

@@ -1,7 +1,8 @@
 """Recorded levels, played at the pace at which they were recorded.
 
 A recording is rows of (seconds, dBm): ``csv_rows`` reads them from a table, ``json_rows`` from an object of records
-(the form of BirdsEye and GamutRF logs), ``pcap.pcap_rows`` from a capture of packets.
+(the form of BirdsEye and GamutRF logs), ``pcap.pcap_rows`` from a capture of packets, ``rtl_power.rtl_power_rows`` from
+sweeps.
 """
 
 import math
@@ -11,14 +12,20 @@ from typing import Any
 
 from ....errors import InputError
 from ....ranges import MOST_SHOWN_CHARACTERS
-from ....reading import Bounds, opened_table, read_json
+from ....reading import Bounds, opened, opened_table, read_json
+from .captured_levels import is_capture
+from .iso_time import time_s
 from .kind import SourceDetails, SourceKind
 from .pcap import pcap_rows
 from .protocol import MOST_PER_READ, Row, Sample
+from .radio_status import sik_dbm
 from .rejected import Rejected
+from .rtl_power import LONGEST_LINE_BYTES, parse_hop, rtl_power_rows
 
 RECORDING_BOUNDS = Bounds(most_bytes=64 * 2**20, most_values=2**21, is_finite=False)
 """Of a JSON recording, which is held in memory. What is no number in it is a missing sample."""
+MOST_BEGINNING_BYTES = LONGEST_LINE_BYTES
+"""Enough to know a recording by."""
 
 
 class ReplaySource:
@@ -54,16 +61,16 @@ class ReplaySource:
             if row is None:
                 self._is_over = True
                 break
-            time_s, rssi_dbm = row
-            if time_s < self._last_s:
+            row_s, rssi_dbm = row
+            if row_s < self._last_s:
                 self.rejected.add("going back in time")
                 continue
-            self._start = self._start or (now_ns, time_s)
-            due_ns = self._start[0] + round((time_s - self._start[1]) * 1e9)
+            self._start = self._start or (now_ns, row_s)
+            due_ns = self._start[0] + round((row_s - self._start[1]) * 1e9)
             if due_ns > now_ns:
                 self._waiting = row
                 break
-            self._last_s = time_s
+            self._last_s = row_s
             samples.append((due_ns, rssi_dbm))
         return samples
 
@@ -97,13 +104,15 @@ def csv_rows(
                 names = ", ".join(table.fieldnames or [])[:MOST_SHOWN_CHARACTERS]
                 raise InputError(f"{path} has no column {column!r}: it has {names}")
         for number, fields in enumerate(table):
-            time_s = _number(fields[time_column]) if time_column else number * interval_s
-            if math.isfinite(time_s):
-                yield time_s, to_dbm(_number(fields[rssi_column]))
+            row_s = time_s(fields[time_column]) if time_column else number * interval_s
+            if math.isfinite(row_s):
+                yield row_s, to_dbm(_number(fields[rssi_column]))
 
 
-def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") -> Iterator[Row]:
-    """The rows of a JSON object, or a list, of records, in the order of their times in seconds.
+def json_rows(
+    path: Path, rssi_field: str = "rssi", time_field: str = "time", to_dbm: Callable[[float], float] = float
+) -> Iterator[Row]:
+    """The rows of a JSON object, or a list, of records, in the order of their times.
 
     Raises:
         InputError: the file cannot be read, or is no such object.
@@ -111,7 +120,7 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     loaded = read_json(path, "recording", RECORDING_BOUNDS)
     records = loaded.values() if isinstance(loaded, dict) else loaded if isinstance(loaded, list) else []
     rows = [
-        (_number(record.get(time_field)), _number(record.get(rssi_field)))
+        (time_s(record.get(time_field)), to_dbm(_number(record.get(rssi_field))))
         for record in records
         if isinstance(record, dict)
     ]
@@ -119,12 +128,6 @@ def json_rows(path: Path, rssi_field: str = "rssi", time_field: str = "time") ->
     if not found:
         raise InputError(f"{path} holds no record with {time_field!r}")
     yield from found
-
-
-def sik_dbm(rssi: float) -> float:
-    """What a SiK telemetry radio's RSSI number means: rssi / 1.9 - 127 dBm (ArduPilot's documentation of the 3DR SiK
-    radio); 0 is what it reports while it hears nothing."""
-    return rssi / 1.9 - 127 if rssi > 0 else math.nan
 
 
 def _number(value: Any) -> float:
@@ -141,15 +144,24 @@ def _open(place: str, details: SourceDetails) -> ReplaySource:
     return ReplaySource(_rows(Path(place), details))
 
 
+_TO_DBM: dict[str, Callable[[float], float]] = {"dbm": float, "sik": sik_dbm}
+
+
 def _rows(path: Path, details: SourceDetails) -> Iterator[Row]:
-    """By the file's ending."""
-    if path.suffix == ".csv":
-        return csv_rows(path, details.rssi_column, details.time_column)
+    """By what the file begins with, and else by its ending."""
+    to_dbm = _TO_DBM[details.rssi_unit]
     if path.suffix == ".json":
-        return json_rows(path, details.rssi_column, details.time_column)
-    if path.suffix == ".pcap":
-        return pcap_rows(path, details.transmitter_mac)
-    raise InputError(f"cannot replay {path}: allowed are .csv, .json and .pcap")
+        return json_rows(path, details.rssi_column, details.time_column, to_dbm)
+    with opened(path, "recording") as file:
+        beginning = file.read(MOST_BEGINNING_BYTES)
+    if is_capture(beginning):
+        return pcap_rows(path, details.transmitters())
+    if parse_hop(beginning.partition(b"\n")[0]) is not None:
+        return rtl_power_rows(path, details.frequency_hz)
+    if path.suffix == ".csv":
+        interval_s = 1 / details.sampling_hz if details.sampling_hz > 0 else math.inf
+        return csv_rows(path, details.rssi_column, details.time_column, interval_s, to_dbm)
+    raise InputError(f"cannot replay {path}: allowed are .csv, .json, captures (pcap, pcapng) and sweeps of rtl_power")
 
 
-KIND = SourceKind(scheme="replay", place="FILE", note=".csv, .json, .pcap", open=_open)
+KIND = SourceKind(scheme="replay", place="FILE", note=".csv, .json, pcap, pcapng, rtl_power", open=_open)

@@ -1,15 +1,16 @@
-"""JSON records, one a line, from a serial port, as an ESP32 prints them; ``json_records`` says what a record is."""
+"""What an ESP32 or another board prints to its serial port: JSON records or a sketch's text, as they come."""
 
 from pathlib import Path
 
 from ...serial_port import open_serial_port
-from .json_lines import JsonLinesSource
 from .kind import SourceDetails, SourceKind
+from .line_source import LineSource, OpenDescriptor
+from .printed_records import PrintedRecords
 
 
-def _open(place: str, details: SourceDetails) -> JsonLinesSource:
-    port = open_serial_port(Path(place), details.serial_baud)
-    return JsonLinesSource(port, place, transmitter_mac=details.transmitter_mac)
+def _open(place: str, details: SourceDetails) -> LineSource:
+    port = OpenDescriptor(open_serial_port(Path(place), details.serial_baud))
+    return LineSource(port, place, PrintedRecords(details))
 
 
-KIND = SourceKind(scheme="serial", place="PATH", open=_open)
+KIND = SourceKind(scheme="serial", place="PATH", note="JSON lines or a sketch's text", open=_open)
