@@ -50,7 +50,8 @@ EVALUATION_LIMIT_S = 3_600.0
 MOST_DEATHS = 3
 """Of one agent in a row, without a report between them."""
 NEVER_RAN = "The actor never ran"
-"""Ray's words, and its only sign, for an actor that it dropped before its process began."""
+"""Ray's words, and its only sign, for an actor that it dropped before its process began. That is no
+death: where no agent gets to run at all, their silence ends the training."""
 
 
 def train_on_cluster(
@@ -207,7 +208,6 @@ class _Supervisor:
             self._run.chase_ended(chase)
 
     def _agent_died(self, agent: _Agent, error: Exception) -> None:
-        # What never ran has not died: where no agent gets to run at all, their silence ends the training.
         agent.deaths += NEVER_RAN not in str(error)
         if agent.deaths >= MOST_DEATHS:
             raise WorkerDiedError(f"local agent {agent.index} died {MOST_DEATHS} times in a row:\n{error}")
@@ -216,7 +216,8 @@ class _Supervisor:
 
     def _global_agent_died(self, error: GlobalAgentLostError) -> None:
         """A new one with the parameters of the last checkpoint; every agent goes back to where it was then."""
-        self._global_deaths += 1
+        self._require_signs_of_life()
+        self._global_deaths += NEVER_RAN not in str(error)
         if self._global_deaths >= MOST_DEATHS:
             raise WorkerDiedError(f"the global agent died {MOST_DEATHS} times without a checkpoint between:\n{error}")
         self._ray.kill(self._global_agent)
