@@ -102,7 +102,7 @@ def test_places_are_worth_what_one_great_gaussian_says(kind: str) -> None:
 def test_some_pairs_are_worth_what_they_are_among_all() -> None:
     chase = _Chase(2)
     chosen = torch.tensor([0, 5, 17])
-    some = Eliminated(chase.errors("fading"), 0.0, chosen).log_likelihoods(*chase.residual_and_slope())
+    some = Eliminated(chase.errors("fading"), 0.0).of(chosen).log_likelihoods(*chase.residual_and_slope())
     every = Eliminated(chase.errors("fading"), 0.0).log_likelihoods(*chase.residual_and_slope())
     torch.testing.assert_close(some, every[chosen])
 

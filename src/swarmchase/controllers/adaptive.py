@@ -259,20 +259,20 @@ class AdaptiveController:
         """
         turn = place.read.heard % len(FIELDS)
         probes = torch.arange(place.read.heard % PROBED_EVERY, NUM_PARTICLES, PROBED_EVERY)
-        fading, field = FadingErrors(place.heard), place.field_errors(turn)
+        fading = Eliminated(FadingErrors(place.heard), LOG_PLAIN)
+        field = Eliminated(place.field_errors(turn), LOG_FIELD)
         residual, slope = place.residual_and_slope(belief.position_m[:, probes])
         weight = (belief.log_weight - belief.log_density)[probes] + self._log_prior(belief.position_m[:, probes])
         plain, shadowed = (
-            (Eliminated(errors, log_share).log_likelihoods(residual, slope) + weight).logsumexp(dim=(1, 2))
-            for errors, log_share in ((fading, LOG_PLAIN), (field, LOG_FIELD))
+            (models.log_likelihoods(residual, slope) + weight).logsumexp(dim=(1, 2)) for models in (fading, field)
         )
         field_log_odds = belief.field_log_odds.clone()
         field_log_odds[turn] = shadowed.logsumexp(dim=0) - plain.logsumexp(dim=0)
         best = int(field_log_odds.argmax())
-        density = [Eliminated(fading, LOG_PLAIN, _worth_it(plain))]
+        density = [fading.of(_worth_it(plain))]
         if field_log_odds[best] > LEAST_LOG_SHARE:
-            field = field if best == turn else place.field_errors(best)
-            density.append(Eliminated(field, LOG_FIELD, _worth_it(shadowed)))
+            field = field if best == turn else Eliminated(place.field_errors(best), LOG_FIELD)
+            density.append(field.of(_worth_it(shadowed)))
         is_shadowed = len(density) > 1 and field_log_odds[best] > 0
         trust = 1 - (1 - FIELD_TRUST) * float(field_log_odds[best].sigmoid()) if len(density) > 1 else 1.0
         return _Heeded(density, trust), (shadowed if is_shadowed else plain).softmax(dim=0), field_log_odds

@@ -14,6 +14,7 @@ Which prior holds is not known either: ``PAIRS`` lists them, and each is weighed
 misjudged as a whole makes the likelihood a Student's t with ``DEGREES_OF_FREEDOM``.
 """
 
+import copy
 import itertools
 import math
 from dataclasses import dataclass
@@ -210,16 +211,21 @@ class FieldErrors:
 class Eliminated:
     """Models joined with one law of the errors: all that is the same for every place is worked out."""
 
-    def __init__(self, errors: Errors, log_share: float, pairs: Int[Tensor, "pair"] | None = None) -> None:
-        """``log_share`` is the prior of this law of the errors; ``pairs`` are numbers of ``PAIRS``, None for all."""
+    def __init__(self, errors: Errors, log_share: float) -> None:
+        """All ``PAIRS``; ``log_share`` is the prior of this law of the errors."""
         self._errors = errors
-        self.pairs = torch.arange(len(PAIRS)) if pairs is None else pairs
-        covariance = _COVARIANCE[self.pairs]
-        grown = torch.eye(NUM_TRACKERS, dtype=torch.float64) + covariance @ errors.information
-        self._gain = torch.linalg.solve(grown, covariance).float()
+        self.pairs = torch.arange(len(PAIRS))
+        grown = torch.eye(NUM_TRACKERS, dtype=torch.float64) + _COVARIANCE @ errors.information
+        self._gain = torch.linalg.solve(grown, _COVARIANCE).float()
         log_determinant = grown.logdet()[:, None] + errors.log_determinant
-        self._constant = (_LOG_PRIOR[self.pairs] + log_share - log_determinant / 2).float()[..., None]
+        self._constant = (_LOG_PRIOR + log_share - log_determinant / 2).float()[..., None]
         self._power = -(DEGREES_OF_FREEDOM + errors.number) / 2
+
+    def of(self, pairs: Int[Tensor, "pair"]) -> "Eliminated":
+        """These numbers of ``PAIRS`` alone."""
+        some = copy.copy(self)
+        some.pairs, some._gain, some._constant = pairs, self._gain[pairs], self._constant[pairs]
+        return some
 
     def log_likelihoods(
         self, residual: Float[Tensor, "window 6 place"], slope: Float[Tensor, "window 6 place"]
