@@ -31,11 +31,12 @@ from swarmchase.evaluation.chases import ChaseResult
 from swarmchase.evaluation.comparison import Place, Result, read_results, save_results
 from swarmchase.evaluation.table import Evaluation
 from swarmchase.evaluation.tables import read_rows
+from swarmchase.files import new_file
 from swarmchase.live.events import Events
 from swarmchase.live.frame import frame_of
 from swarmchase.live.link.keys import new_keys, read_keys, write_keys
 from swarmchase.live.log.entries import new_head
-from swarmchase.live.log.file import LogFile, new_log_file
+from swarmchase.live.log.file import LogFile
 from swarmchase.live.log.mcap_messages import messages
 from swarmchase.live.log.recording import read_recording
 from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
@@ -131,7 +132,7 @@ def log_file(path: Path) -> None:
     snapshot, events = bench.service.snapshot(), Events(lambda _snapshot: [])
     frame = frame_of(snapshot, 0, [(10.0, -20.0, 30.0)], [0.1] * 6, Counter(), 0.001, events)
     rssi_dbm, position_m = torch.full((2, 6), -60.5).double().numpy(), torch.zeros(2, 6, 3).double().numpy()
-    with new_log_file(path) as file:
+    with new_file(path, "log") as file:
         log = LogFile(file, new_head("gradient", SHORT, 4, 7, 3, SafetyLimits(), 5_000_000_000))
         for number in (1, 2):
             log.write(Transition(5_000_000_000 + number, ChaseState.MOVING, ChaseState.SAMPLING, "arrived"))

@@ -12,7 +12,13 @@ from typing import NoReturn
 import pytest
 
 from swarmchase.errors import InputError
-from swarmchase.files import atomic_path, require_writable_file, require_writable_folder, write_text_atomically
+from swarmchase.files import (
+    atomic_path,
+    new_file,
+    require_writable_file,
+    require_writable_folder,
+    write_text_atomically,
+)
 from swarmchase.locks import LockFile
 
 
@@ -91,7 +97,14 @@ def test_a_real_limit_on_file_size_is_one_refusal(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("writable", [require_writable_file, lambda path: write_text_atomically(path, "text")])
+@pytest.mark.parametrize(
+    "writable",
+    [
+        lambda path: require_writable_file(path, replaces=True),
+        lambda path: new_file(path, "log"),
+        lambda path: write_text_atomically(path, "text"),
+    ],
+)
 @pytest.mark.parametrize(
     "place", ["file.txt/below.txt", "file.txt/folder/below.txt", "/proc/none.txt", "folder", "/dev/null"]
 )
@@ -108,15 +121,17 @@ def test_places_that_cannot_be_written_are_refused(
 
 def test_asking_whether_a_file_can_be_written_makes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "old.txt").write_text("old")
-    require_writable_file(tmp_path / "new" / "folder" / "new.txt")
-    require_writable_file(tmp_path / "old.txt")
+    require_writable_file(tmp_path / "new" / "folder" / "new.txt", replaces=False)
+    require_writable_file(tmp_path / "old.txt", replaces=True)
+    with pytest.raises(InputError, match=r"old\.txt: it exists already; give --overwrite to replace it"):
+        require_writable_file(tmp_path / "old.txt", replaces=False)
     monkeypatch.chdir(tmp_path)
-    require_writable_file(Path("relative.txt"))
+    require_writable_file(Path("relative.txt"), replaces=False)
     assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
     assert (tmp_path / "old.txt").read_text() == "old"
     monkeypatch.setattr("tempfile.TemporaryFile", refuse(errno.ENOSPC))
     with pytest.raises(InputError, match=os.strerror(errno.ENOSPC)):
-        require_writable_file(tmp_path / "new.txt")
+        require_writable_file(tmp_path / "new.txt", replaces=False)
 
 
 def test_a_writable_folder_is_made_and_left_empty(tmp_path: Path) -> None:

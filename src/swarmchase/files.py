@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from .errors import InputError
 from .locks import try_lock
@@ -54,13 +55,40 @@ def write_text_atomically(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def require_writable_file(path: Path) -> None:
-    """Prove that ``atomic_path`` can write this file, before hours of work are spent; makes nothing, no folder either.
+def new_file(path: Path, what: str, buffering: int = -1) -> IO[bytes]:
+    """A new file, to be written bit by bit; its folder is made if need be. None is ever overwritten.
+
+    Args:
+        what: it is, for the refusal.
+        buffering: as of ``open``.
 
     Raises:
-        InputError: it cannot.
+        InputError: it exists already, or it cannot be made.
+    """
+    require_writable_folder(path.parent)
+    try:
+        return open(path, "xb", buffering)
+    except FileExistsError:
+        raise InputError(f"cannot write the {what} {path}: it exists already") from None
+    except OSError as error:
+        raise InputError(f"cannot write the {what} {path}: {error.strerror or error}") from error
+
+
+def require_writable_file(path: Path, *, replaces: bool) -> None:
+    """Prove that ``atomic_path`` can write this file, before hours of work are spent; makes nothing, no folder either.
+
+    The one rule for what is there already: a file that a person has named is never replaced, unless they have said so
+    (``--overwrite``). Results in a folder that a command works in are, and the command says which.
+
+    Args:
+        replaces: whether one that exists may be replaced.
+
+    Raises:
+        InputError: it cannot be written, or exists and must not be replaced.
     """
     _require_replaceable(path)
+    if path.exists() and not replaces:
+        raise InputError(f"cannot write {path}: it exists already; give --overwrite to replace it, or another name")
     try:
         folder = next(folder for folder in path.absolute().parents if folder.exists())
         with tempfile.TemporaryFile(dir=folder):

@@ -28,7 +28,7 @@ def measure(situations: int, seed: int, processes: int, checkpoint: Path, finish
         InputError: a checkpoint that cannot be written, or that holds something else.
     """
     wanted = range(seed, seed + situations)
-    require_writable_file(checkpoint)
+    require_writable_file(checkpoint, replaces=True)
     flown = {one.seed: one for one in _read(checkpoint)}
     left = [number for number in wanted if number not in flown]
     with open(checkpoint, "a", encoding="utf-8") as file:

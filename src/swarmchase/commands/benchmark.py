@@ -264,6 +264,8 @@ class BenchmarkClusterCommand(_BenchmarkCommand):
     """Of each of nine measurements."""
     figure: Path | None = None
     """Draw it as PNG or PDF."""
+    overwrite: bool = False
+    """Replace the figure if it is there already."""
 
     def run(self) -> None:
         """Measure, report and draw.
@@ -279,7 +281,7 @@ class BenchmarkClusterCommand(_BenchmarkCommand):
         if self.figure is not None:
             if self.figure.suffix not in (".png", ".pdf"):
                 raise InputError(f"figure {self.figure} is refused: allowed is .png or .pdf")
-            require_writable_file(self.figure)
+            require_writable_file(self.figure, replaces=self.overwrite)
         result = self.report("cluster", seconds=self.seconds)
         if self.figure is not None:
             draw_scaling(result, self.figure)

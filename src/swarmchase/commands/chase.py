@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..files import require_writable_file
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions
-from .terminal import CONSOLE, explain_choice, print_json, progress_bar
+from .terminal import CONSOLE, explain_choice, print_json, progress_bar, tell_replaced
 
 TOLD_EVERY_S = 1.0
 """Of the chase's own time, where it is measured by the clock: at most one line."""
@@ -29,9 +29,11 @@ class ChaseCommand(ScenarioOptions):
     chase: int = 0
     """Number of the chase in its run."""
     folder: Path = Path("chase-output")
-    """Folder for chase.json (the log) and chase.png (the picture)."""
+    """Folder for chase.json (the log) and chase.png (the picture); those of the chase before are replaced."""
     animation: Path | None = None
     """Also make a film of it, for instance chase.gif, or chase.mp4 where there is ffmpeg."""
+    overwrite: bool = False
+    """Replace the film if it is there already."""
     json: bool = False
     """Print the log's summary as one JSON object on standard output."""
 
@@ -46,11 +48,11 @@ class ChaseCommand(ScenarioOptions):
         if self.seed < 0 or self.chase < 0:
             raise InputError(f"seed = {self.seed}, chase = {self.chase} is refused: both must be at least 0")
         log_path, picture_path = self.folder / "chase.json", self.folder / "chase.png"
-        require_writable_file(log_path)
-        require_writable_file(picture_path)
+        require_writable_file(log_path, replaces=True)
+        require_writable_file(picture_path, replaces=True)
         if self.animation is not None:
             require_animation_format(self.animation)
-            require_writable_file(self.animation)
+            require_writable_file(self.animation, replaces=self.overwrite)
         scenario = self.world()
         controller = load_controller(self.controller, scenario, self.action_choice)
         require_world(scenario)
@@ -73,6 +75,7 @@ class ChaseCommand(ScenarioOptions):
             if self.json:
                 print_json({name: value for name, value in log.items() if name != "moments"})
         finally:
+            tell_replaced([log_path, picture_path])
             save_chase_log(log_path, log)
             draw_chase(log, picture_path)
             CONSOLE.print(f"Log: {log_path}   Picture: {picture_path}", markup=False, soft_wrap=True)

@@ -10,7 +10,7 @@ from rich.markdown import Markdown
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, SettingsOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept
@@ -91,9 +91,10 @@ class CompareCommand(SettingsOptions, ClusterOptions):
 
 
 def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], text: str) -> None:
-    from ..evaluation.comparison import save_results
+    from ..evaluation.comparison import TABLE_FILE, save_results
     from ..files import write_text_atomically
 
+    tell_replaced([folder / TABLE_FILE, folder / "comparison.md"])
     save_results(folder, results)
     write_text_atomically(folder / "comparison.md", text)
     for picture in _draw(folder, results, rows):

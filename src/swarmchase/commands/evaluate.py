@@ -40,6 +40,8 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
     """On a cluster: finished blocks are kept here, and an evaluation that was interrupted goes on behind them."""
     table: Path | None = None
     """Write one row a chase to this Parquet file."""
+    overwrite: bool = False
+    """Replace the table if it is there already."""
     json: bool = False
     """Print one JSON object on standard output."""
 
@@ -48,7 +50,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
         scenario = self.world()
         explain_choice(self.controller, scenario)
         if self.table is not None:
-            require_writable_file(self.table)
+            require_writable_file(self.table, replaces=self.overwrite)
         with refusals_held_back() as hold_back:
             if self.cluster is None:
                 result = self._evaluated_here(scenario)

@@ -11,6 +11,7 @@ from rich.table import Table
 from ..errors import InputError
 from ..files import require_writable_folder
 from .options import DEFAULT_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions
+from .output_options import OutputOptions
 from .terminal import CONSOLE, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveCommand(ServiceOptions, ScenarioOptions):
+class LiveCommand(ServiceOptions, ScenarioOptions, OutputOptions):
     """Chase a simulated target with six tracker processes, a link that can fail, the controller service and its page,
     in real time. Standard input takes the words of swarmchase serve: override, hold, resume, reached, abort,
     quit."""
@@ -43,7 +44,6 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
 
     def run(self) -> None:
         """Chase, and say how it ended."""
-        from ..live.audience import AudienceOptions
         from ..live.service.operator_words import OperatorWords
         from ..live.service.service import require_judged
         from ..live.session import Assignment
@@ -61,7 +61,7 @@ class LiveCommand(ServiceOptions, ScenarioOptions):
         settings, name = self.settings(), self.controller
         controller = ready_controller(name, scenario, self.seed)
         require_judged(scenario, controller, settings)
-        audience = AudienceOptions(None if self.headless else self.page, self._log_path())
+        audience = self.audience(None if self.headless else self.page, self._log_path(), is_simulated=True)
         assignment = Assignment(scenario, name, self.seed, self.chase, site_limits(scenario), settings, audience)
         words = [OperatorWords(STANDARD_INPUT).read]
         with line_printer() as tell, stop_request() as request:

@@ -8,7 +8,7 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept
@@ -62,9 +62,10 @@ class ReproduceCommand(ClusterOptions):
 
 
 def _write(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]], text: str) -> None:
-    from ..evaluation.reproduction import save_evaluations
+    from ..evaluation.reproduction import TABLE_FILE, save_evaluations
     from ..files import write_text_atomically
 
+    tell_replaced([folder / TABLE_FILE, folder / "results.md"])
     save_evaluations(folder, evaluations)
     write_text_atomically(folder / "results.md", text)
     for picture in _draw(folder, evaluations, summaries):

@@ -18,6 +18,7 @@ from .options import (
     ServiceOptions,
     fields_from,
 )
+from .output_options import OutputOptions
 from .terminal import explain_choice, line_printer, print_json
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ STANDARD_INPUT = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, ConfigurationOptions):
+class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, OutputOptions, ConfigurationOptions):
     """Command real trackers until the target is reached. Standard input takes a word a line: start, override
     (begin although the preflight has not passed), hold, resume, reached (you see the target), abort, quit. Ctrl-C
     aborts: trackers are told to hold."""
@@ -54,7 +55,6 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, Co
     def run(self) -> None:
         """Serve, and say how it ended."""
         from ..live.address import host_and_port
-        from ..live.audience import AudienceOptions
         from ..live.link.mavlink import ControllerMavlinkLink
         from ..live.link.state_file import CONTROLLER_FILE
         from ..live.service.operator_words import OperatorWords
@@ -67,7 +67,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, Co
         scenario, limits, settings, keys = self.world(), self.limits(), self.settings(), self.read_keys()
         controller = ready_controller(self.controller, scenario, self.seed)
         require_judged(scenario, controller, settings)
-        audience = AudienceOptions(self.page, self.log)
+        audience = self.audience(self.page, self.log, is_simulated=False)
         assignment = Assignment(scenario, self.controller, self.seed, 0, limits, settings, audience)
         folder = self.folder()
         with line_printer() as tell, stop_request() as request:

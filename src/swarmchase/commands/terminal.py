@@ -7,7 +7,8 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any, TextIO, cast
 
 from rich.console import Console
@@ -65,6 +66,13 @@ def print_json(document: Any) -> None:
 def warn(line: str) -> None:
     """Tell people what they should know, and go on."""
     CONSOLE.print(line, style="yellow", markup=False, soft_wrap=True)
+
+
+def tell_replaced(paths: Iterable[Path]) -> None:
+    """Of results in a folder that a command works in: those of the run before go, and people are told."""
+    there = [str(path) for path in paths if path.exists()]
+    if there:
+        CONSOLE.print(f"Replaced: {', '.join(there)}", markup=False, soft_wrap=True)
 
 
 @contextlib.contextmanager

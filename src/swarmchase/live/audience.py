@@ -1,17 +1,19 @@
-"""Who follows a live chase: people at a page, a log, lines on a terminal. What they see never holds up what flies."""
+"""Who follows a live chase: a page, a log, a terminal, maps, brokers. They never hold up what flies."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from .address import host_and_port
 from .alarms import Alarm, Alarms
 from .chronicle import Chronicle, FrameTaker
+from .earth import EarthOrigin
 from .events import Event, Events, EventTaker
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import Metres
 from .link.news import LinkNews
 from .log.entries import LogHead
+from .outputs.kind import OutputDetails
 from .service.chase_state import Decision, Transition
 from .service.loop import Journal, Tell, Watcher, Words
 from .service.service import Recorder
@@ -28,6 +30,14 @@ class AudienceOptions:
     """HOST:PORT of the page."""
     log: Path | None = None
     """A new MCAP file."""
+    outputs: tuple[str, ...] = ()
+    """Where else: ``outputs.address``."""
+    output_details: OutputDetails = field(default_factory=OutputDetails)
+
+    @property
+    def origin(self) -> EarthOrigin | None:
+        """Where on the earth x, y, z are 0."""
+        return self.output_details.origin
 
 
 class Audience:
@@ -39,7 +49,8 @@ class Audience:
         target_m: where the target is, if somebody knows.
 
     Raises:
-        InputError: the page's address cannot be had, the log exists or cannot be written, or a package is missing.
+        InputError: the page's address cannot be had, the log exists or cannot be written, an output is refused, or a
+            package is missing.
     """
 
     def __init__(
@@ -59,7 +70,9 @@ class Audience:
         event_takers: list[EventTaker] = [lambda event: tell(_line(event, head.began_ns))]
         recorders: list[Recorder] = []
         try:
-            # In this order: where the page cannot be had, no log is begun.
+            # In this order: where an output is refused, or the page cannot be had, no log is begun.
+            for name in options.outputs:
+                takers.append(self._open_output(name, options.output_details, head, tell))
             if options.page is not None:
                 takers.append(self._open_page(options.page, head, tell))
             if options.log is not None:
@@ -83,7 +96,7 @@ class Audience:
             self._page.look_back()
 
     def close(self) -> None:
-        """End the page, and write the rest of the log."""
+        """End the page and the outputs, and write the rest of the log."""
         while self._closers:
             self._closers.pop()()
 
@@ -102,6 +115,17 @@ class Audience:
         self.words.append(self._page.feed.words)
         tell(f"The page is at {self._page.url}")
         return self._page.feed.publish
+
+    def _open_output(self, name: str, details: OutputDetails, head: LogHead, tell: Tell) -> FrameTaker:
+        from .outputs.address import open_output
+        from .outputs.publisher import Publisher
+
+        publisher = Publisher(name, open_output(name, details), head)
+        self._closers.append(publisher.close)
+        self._alarms.append(lambda: publisher.alarms)
+        where = "" if details.origin is not None else "; without --global-origin it says no place on the earth"
+        tell(f"The chase is shown at {name}{where}.")
+        return publisher.take
 
     def _all_alarms(self) -> list[Alarm]:
         return [alarm for alarms in self._alarms for alarm in alarms()]

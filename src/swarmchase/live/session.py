@@ -43,7 +43,7 @@ class Session:
         target_m: where the target is, if somebody knows.
 
     Raises:
-        InputError: the page's or the log's place cannot be had, or a package is missing.
+        InputError: the page's or the log's place cannot be had, an output is refused, or a package is missing.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class Session:
             epoch,
             assignment.limits,
             self._clock.now_ns(),
+            assignment.audience.origin,
         )
         self._audience = Audience(assignment.audience, head, link, tell, target_m)
 
@@ -113,5 +114,5 @@ class Session:
         self._audience.show_recording()
 
     def close(self) -> None:
-        """End the page, and write the rest of the log."""
+        """End the page and the outputs, and write the rest of the log."""
         self._audience.close()

@@ -3,9 +3,9 @@
 Frames are read once, one by one, so that a log of hours can be drawn.
 """
 
+import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -16,7 +16,7 @@ from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
 from .plan_view import CENTER_STYLE, TARGET_STYLE, PathStyle, draw_end, draw_path, draw_start, set_view
-from .style import PAGE_WIDTH_INCHES, STYLE, TARGET_COLOR, save_figure
+from .style import PAGE_WIDTH_INCHES, STYLE, TARGET_COLOR
 
 PLAN_HEIGHT_SHARE = 1.25
 """Of the plan's width."""
@@ -68,16 +68,16 @@ class _Columns:
     share_within: NDArray[np.float64]
 
 
-def draw_recorded_chase(
-    frames: Iterable[Any], events: Sequence[RecordedEvent], title: str, success_radius_m: float, path: Path
-) -> None:
-    """As PNG or PDF, from the frames of a log (``live.frame``).
+def recorded_chase_picture(
+    frames: Iterable[Any], events: Sequence[RecordedEvent], title: str, success_radius_m: float
+) -> bytes:
+    """As PNG, from the frames of a log (``live.frame``).
 
     Raises:
         ValueError: in no frame the trackers have a centre.
     """
     columns = _columns(frames)
-    told = _told(events)
+    told = told_events(events)
     with mpl.rc_context(STYLE):
         lines = max(len(told), 1)
         height_inches = 4.6 + 0.14 * lines
@@ -98,7 +98,9 @@ def draw_recorded_chase(
         _tell_events(figure.add_subplot(grid[4, :]), told, len(events))
         figure.align_ylabels(rows[1:])
         figure.suptitle(title, fontsize=8)
-        save_figure(figure, path, title)
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=200, metadata={"Title": title})
+        return picture.getvalue()
 
 
 def _columns(frames: Iterable[Any]) -> _Columns:
@@ -135,7 +137,7 @@ def _center_m(frame: Any) -> list[float]:
     return center_m
 
 
-def _told(events: Sequence[RecordedEvent]) -> list[RecordedEvent]:
+def told_events(events: Sequence[RecordedEvent]) -> list[RecordedEvent]:
     """The gravest, in the order of their time."""
     grave = [event for event in events if event.severity in RANKS]
     grave.sort(key=lambda event: (RANKS[event.severity], event.time_s))

@@ -36,8 +36,10 @@ from swarmchase.cli import main
 from swarmchase.controllers import load_controller
 from swarmchase.controllers.protocol import Controller
 from swarmchase.errors import InputError
+from swarmchase.files import new_file
 from swarmchase.formation import Action
 from swarmchase.live.alarms import Alarm, Severity
+from swarmchase.live.earth import EarthOrigin
 from swarmchase.live.events import Event, Events
 from swarmchase.live.frame import Frame, frame_of
 from swarmchase.live.log import recorder as recorder_module
@@ -48,6 +50,7 @@ from swarmchase.live.log.entries import (
     FORMS,
     FRAME_TOPIC,
     HEAD_TOPIC,
+    SCENE_TOPIC,
     TRANSITION_TOPIC,
     DecisionForm,
     HeadForm,
@@ -65,7 +68,7 @@ from swarmchase.live.log.entries import (
     transition_form,
     transition_of,
 )
-from swarmchase.live.log.file import LogFile, new_log_file
+from swarmchase.live.log.file import LogFile
 from swarmchase.live.log.json_forms import SIMPLE_TYPES, form_check
 from swarmchase.live.log.mcap_messages import MOST_RECORD_BYTES
 from swarmchase.live.log.recorder import FLUSH_S, MOST_WAITING, MOST_WAITING_FRAMES, ChaseRecorder
@@ -84,7 +87,8 @@ BEGAN_NS = 5_000_000_000
 
 
 def head_for(controller: str = "gradient", scenario: Scenario = SHORT, seed: int = 4, chase: int = 7) -> LogHead:
-    return new_head(controller, scenario, seed, chase, 3, SafetyLimits(), BEGAN_NS)
+    origin = EarthOrigin(-33.9, 18.4, 12.5)
+    return new_head(controller, scenario, seed, chase, 3, SafetyLimits(), BEGAN_NS, origin)
 
 
 def a_transition(number: int = 0, reason: str = "arrived") -> Transition:
@@ -215,13 +219,22 @@ def test_stock_tools_read_it_and_every_message_is_of_its_schema(tmp_path: Path) 
             assert message.log_time == message.publish_time
             since_ns = message.log_time - head.wall_ns(BEGAN_NS)
             assert since_ns == (
-                5 * 10**9 if channel.topic == FRAME_TOPIC else document.get("time_ns", BEGAN_NS) - BEGAN_NS
+                5 * 10**9
+                if channel.topic in {FRAME_TOPIC, SCENE_TOPIC}
+                else document.get("time_ns", BEGAN_NS) - BEGAN_NS
             )
         file.seek(0)
         assert any(
             isinstance(record, Chunk) for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records
         )
-    assert seen == {HEAD_TOPIC: 1, TRANSITION_TOPIC: 1, FRAME_TOPIC: 1, DECISION_TOPIC: 2, EVENT_TOPIC: 1}
+    assert seen == {
+        HEAD_TOPIC: 1,
+        TRANSITION_TOPIC: 1,
+        FRAME_TOPIC: 1,
+        SCENE_TOPIC: 1,
+        DECISION_TOPIC: 2,
+        EVENT_TOPIC: 1,
+    }
 
 
 def test_schemas_name_only_what_foxglove_and_lichtblick_take(tmp_path: Path) -> None:
@@ -327,7 +340,7 @@ def test_what_was_there_half_a_second_ago_survives_kill_9(tmp_path: Path) -> Non
 def small_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two chunks after the head's."""
     path = tmp_path_factory.mktemp("log") / "chase.mcap"
-    with new_log_file(path) as file:
+    with new_file(path, "log") as file:
         log = LogFile(file, head_for())
         for number in (1, 2):
             log.write(a_transition(number))
@@ -430,13 +443,15 @@ def changed_head(**changes: Any) -> bytes:
         (HEAD_TOPIC, b"\xff", "a message is no JSON"),
         (HEAD_TOPIC, b"[" * 200_000, "a message is no JSON"),
         (HEAD_TOPIC, b"9" * 5_000, "a message is no JSON"),
-        (HEAD_TOPIC, changed_head(layout=5), "its layout is 5; this version reads 1 to 4"),
-        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 4"),
+        (HEAD_TOPIC, changed_head(layout=6), "its layout is 6; this version reads 1 to 5"),
+        (HEAD_TOPIC, changed_head(layout=0), "its layout is 0; this version reads 1 to 5"),
         (HEAD_TOPIC, changed_head(scenario={"window_samples": -1}), "window_samples = -1 is refused"),
         (HEAD_TOPIC, changed_head(scenario={"gravity": 9.81}), "scenario has no field 'gravity'"),
         (HEAD_TOPIC, changed_head(limits={"mood": 1.0}), "there is no limit 'mood'"),
         (HEAD_TOPIC, changed_head(limits={"minimum_separation_m": -1.0}), "minimum_separation_m = -1.0 is refused"),
         (HEAD_TOPIC, changed_head(started_at="yesterday"), "started_at = 'yesterday' is no time"),
+        (HEAD_TOPIC, changed_head(global_origin=[47.4, 8.5]), "global_origin = [47.4, 8.5] is not latitude, longitude"),
+        (HEAD_TOPIC, changed_head(global_origin=[91, 8.5, 0]), "latitude_deg = 91.0 is refused"),
         (HEAD_TOPIC, changed_head(seed=1.5), "a message is no HeadForm"),
     ],
 )
@@ -471,7 +486,7 @@ def test_an_entry_of_another_form_is_refused(
     }
     good = forms[topic]
     path = tmp_path / "chase.mcap"
-    with new_log_file(path) as file:
+    with new_file(path, "log") as file:
         log = LogFile(file, head_for())
         log._add(topic, BEGAN_NS, to_json(good | change))
         log.finish()
@@ -480,7 +495,7 @@ def test_an_entry_of_another_form_is_refused(
 
 
 def test_a_frame_of_another_form_is_refused_when_it_is_read(tmp_path: Path) -> None:
-    path = written(tmp_path / "chase.mcap", head_for(), [Frame(**{**a_frame(), "state": None})])
+    path = written(tmp_path / "chase.mcap", head_for(), [Frame(**{**a_frame(), "movements": None})])
     with pytest.raises(InputError, match="a message is no Frame"):
         list(read_recording(path).frames())
 
@@ -610,7 +625,7 @@ def test_a_log_has_only_so_many_bytes_of_entries(tmp_path: Path, monkeypatch: py
 def test_frames_are_read_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An hour of them does not fit into memory."""
     path = tmp_path / "chase.mcap"
-    with new_log_file(path) as file:
+    with new_file(path, "log") as file:
         log = LogFile(file, head_for())
         for number in range(30):
             log.write(a_frame(number))
@@ -646,7 +661,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_is_full_before_the_chase_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "new_log_file", lambda path: open("/dev/full", "wb"))  # noqa: SIM115
+    monkeypatch.setattr(recorder_module, "new_file", lambda path, what: open("/dev/full", "wb"))  # noqa: SIM115
     with pytest.raises(InputError, match=r"cannot write the log .*: No space left on device"):
         ChaseRecorder(tmp_path / "chase.mcap", head_for())
 
@@ -709,7 +724,7 @@ class SlowFile(io.FileIO):
 @pytest.fixture
 def slow_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowFile]:
     file = SlowFile(tmp_path / "chase.mcap")
-    monkeypatch.setattr(recorder_module, "new_log_file", lambda path: io.BufferedWriter(file, 1))
+    monkeypatch.setattr(recorder_module, "new_file", lambda path, what: io.BufferedWriter(file, 1))
     yield file
     file.answers.set()
 

@@ -20,13 +20,15 @@ from ...errors import InputError
 from ...reading import Bounds, DocumentError, parsed_json
 from ...scenario import NUM_TRACKERS, Scenario
 from ..alarms import Severity
+from ..earth import EarthOrigin
 from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import ChaseState, Decision, Transition
 from ..service.safety import SafetyLimits
 from .json_forms import form_check
+from .scene import SceneUpdate
 
-LAYOUT = 4
+LAYOUT = 5
 """Of these forms. An older one is read (``layouts``), a newer one is not."""
 
 HEAD_TOPIC = "/chase/head"
@@ -35,6 +37,7 @@ DECISION_TOPIC = "/chase/decision"
 EVENT_TOPIC = "/chase/event"
 FRAME_TOPIC = "/chase/frame"
 LOSS_TOPIC = "/chase/loss"
+SCENE_TOPIC = "/chase/scene"
 
 Number = float | None | Literal["inf", "-inf"]
 """Any float: null is NaN."""
@@ -55,6 +58,7 @@ class HeadForm(TypedDict):
     limits: dict[str, float]
     started_at: str
     began_ns: int
+    global_origin: list[float] | None
 
 
 class TransitionForm(TypedDict):
@@ -102,6 +106,7 @@ FORMS: dict[str, Any] = {
     EVENT_TOPIC: EventForm,
     FRAME_TOPIC: Frame,
     LOSS_TOPIC: LossForm,
+    SCENE_TOPIC: SceneUpdate,
 }
 
 _Form = TypeVar("_Form")
@@ -128,6 +133,8 @@ class LogHead:
     """UTC."""
     began_ns: int
     """The service's clock at ``started_at``; frames count their seconds from it."""
+    origin: EarthOrigin | None = None
+    """Where on the earth x, y, z are 0; None where nobody has said so."""
 
     def wall_ns(self, time_ns: int) -> int:
         """Nanoseconds since 1970 at this moment of the service's clock."""
@@ -136,7 +143,14 @@ class LogHead:
 
 
 def new_head(
-    controller: str, scenario: Scenario, seed: int, chase: int, epoch: int, limits: SafetyLimits, began_ns: int
+    controller: str,
+    scenario: Scenario,
+    seed: int,
+    chase: int,
+    epoch: int,
+    limits: SafetyLimits,
+    began_ns: int,
+    origin: EarthOrigin | None = None,
 ) -> LogHead:
     """The head of a chase that begins now, by this version.
 
@@ -155,6 +169,7 @@ def new_head(
         limits,
         datetime.now(UTC),
         began_ns,
+        origin,
     )
 
 
@@ -175,6 +190,7 @@ def head_form(head: LogHead) -> HeadForm:
         limits=dataclasses.asdict(head.limits),
         started_at=head.started_at.isoformat(timespec="microseconds"),
         began_ns=head.began_ns,
+        global_origin=None if head.origin is None else list(dataclasses.astuple(head.origin)),
     )
 
 
@@ -218,7 +234,7 @@ def _number(value: float) -> Number:
     return "inf" if value > 0 else "-inf"
 
 
-def to_json(form: HeadForm | TransitionForm | DecisionForm | EventForm | LossForm | Frame) -> bytes:
+def to_json(form: HeadForm | TransitionForm | DecisionForm | EventForm | LossForm | Frame | SceneUpdate) -> bytes:
     """One message.
 
     Raises:
@@ -276,7 +292,14 @@ def head_of(form: HeadForm) -> LogHead:
         SafetyLimits(**{name: float(limit) for name, limit in form["limits"].items()}),
         _utc(form["started_at"]),
         form["began_ns"],
+        None if form["global_origin"] is None else _origin(form["global_origin"]),
     )
+
+
+def _origin(values: list[float]) -> EarthOrigin:
+    if len(values) != 3:
+        raise InputError(f"global_origin = {values} is not latitude, longitude and altitude")
+    return EarthOrigin(*map(float, values))
 
 
 def _utc(text: str) -> datetime:

@@ -1,11 +1,8 @@
 """The MCAP file that a log is: its topics, their schemas, the times of its messages."""
 
 import json
-from pathlib import Path
 from typing import IO, Any
 
-from ...errors import InputError
-from ...files import require_writable_folder
 from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import Decision, Transition
@@ -16,6 +13,7 @@ from .entries import (
     FRAME_TOPIC,
     HEAD_TOPIC,
     LOSS_TOPIC,
+    SCENE_TOPIC,
     TRANSITION_TOPIC,
     LogHead,
     LossForm,
@@ -27,21 +25,7 @@ from .entries import (
 )
 from .json_forms import schema_of
 from .mcap_library import MessageEncoding, SchemaEncoding, Writer
-
-
-def new_log_file(path: Path) -> IO[bytes]:
-    """A new file, its folder made if need be; no log is ever overwritten.
-
-    Raises:
-        InputError: it exists already, or it cannot be made.
-    """
-    require_writable_folder(path.parent)
-    try:
-        return open(path, "xb")
-    except FileExistsError:
-        raise InputError(f"cannot write the log {path}: it exists already") from None
-    except OSError as error:
-        raise InputError(f"cannot write the log {path}: {error.strerror or error}") from error
+from .scene import SCENE_SCHEMA, scene_of
 
 
 class LogFile:
@@ -64,13 +48,13 @@ class LogFile:
         self.flush()
 
     def _new_channel(self, topic: str, form: Any) -> int:
-        schema = self._writer.register_schema(
-            f"swarmchase.{form.__name__}", SchemaEncoding.JSONSchema, json.dumps(schema_of(form)).encode()
-        )
+        # Foxglove draws what bears its own name.
+        name = SCENE_SCHEMA if topic == SCENE_TOPIC else f"swarmchase.{form.__name__}"
+        schema = self._writer.register_schema(name, SchemaEncoding.JSONSchema, json.dumps(schema_of(form)).encode())
         return self._writer.register_channel(topic, MessageEncoding.JSON, schema)
 
     def write(self, item: Transition | Decision | Event | Frame) -> None:
-        """One message.
+        """One message; a frame is drawn as well, in one of its own.
 
         Raises:
             ValueError: a frame that is no JSON.
@@ -82,7 +66,9 @@ class LogFile:
         elif isinstance(item, Event):
             self._add(EVENT_TOPIC, item.time_ns, to_json(event_form(item)))
         else:
-            self._add(FRAME_TOPIC, self._head.began_ns + round(item["time_s"] * 1e9), to_json(item))
+            time_ns = self._head.began_ns + round(item["time_s"] * 1e9)
+            self._add(FRAME_TOPIC, time_ns, to_json(item))
+            self._add(SCENE_TOPIC, time_ns, to_json(scene_of(item, self._head.wall_ns(time_ns))))
 
     def write_loss(self, frames: int, entries: int) -> None:
         """So much is missing until now."""

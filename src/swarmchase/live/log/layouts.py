@@ -11,6 +11,15 @@ from ..estimate import estimate_of, region_of
 _UNSAID = {"left_out": "", "notices": [], "dropped": {}}
 
 
+def renewed_head(head: Any) -> Any:
+    """A head of layout 1 to 4: it did not say where on the earth the chase was.
+
+    Raises:
+        KeyError, TypeError: it is no such head.
+    """
+    return head | {"global_origin": None} if head["layout"] < 5 else head
+
+
 def renewal(layout: int) -> Callable[[Any], Any] | None:
     """What makes a frame of this layout one of this version; None where it is one."""
     return {1: _with_events, 2: _with_channel, 3: _with_flight}.get(layout)

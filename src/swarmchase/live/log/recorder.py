@@ -12,12 +12,13 @@ from pathlib import Path
 from types import TracebackType
 
 from ...errors import InputError
+from ...files import new_file
 from ..alarms import Alarm
 from ..events import Event
 from ..frame import Frame
 from ..service.chase_state import Decision, Transition
 from .entries import LogHead
-from .file import LogFile, new_log_file
+from .file import LogFile
 
 FLUSH_S = 0.5
 MOST_WAITING_FRAMES = 200
@@ -161,7 +162,7 @@ class ChaseRecorder:
 
 def _begun(path: Path, head: LogHead) -> LogFile:
     """The file with its head."""
-    file = new_log_file(path)
+    file = new_file(path, "log")
     try:
         return LogFile(file, head)
     except OSError as error:

@@ -27,7 +27,7 @@ from .entries import (
     head_of,
     transition_of,
 )
-from .layouts import renewal, renewed_decision
+from .layouts import renewal, renewed_decision, renewed_head
 from .mcap_messages import CutError, LogMessage, messages
 
 MOST_ENTRY_BYTES = 512 * 2**20
@@ -132,7 +132,7 @@ class _Reading:
         if self._head is None:
             if topic != HEAD_TOPIC:
                 raise InputError("it does not begin with the head of a chase")
-            form = from_json(data, HeadForm)
+            form = from_json(data, HeadForm, renewed_head)
             self._head, self._layout = head_of(form), form["layout"]
         elif topic == FRAME_TOPIC:
             self._num_frames += 1
