@@ -24,7 +24,7 @@ $swarmchase train batched --preset counterfactual "${setting[@]}" --folder "$fol
 weights="$folder/run/best.safetensors"  # the networks of the best evaluation, with the settings that made them
 
 echo "== 2. evaluate: its movements in $episodes chases it has never seen, one row a chase in a Parquet table"
-$swarmchase evaluate --controller "$weights" "${setting[@]}" --episodes "$episodes" --table "$folder/chases.parquet"
+$swarmchase evaluate --controller "$weights" "${setting[@]}" --episodes "$episodes" --table "$folder/chases.parquet" --overwrite
 
 echo "== 3. compare: on the same chases beside the gradient climber and the oracle, which knows the target"
 $swarmchase compare --controllers "$weights" gradient oracle "${setting[@]}" --episodes "$episodes" \

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from ..live.address import help_of
-from ..live.outputs.address import KINDS
+from ..live.outputs.kind import KINDS
 
 if TYPE_CHECKING:
     from ..live.audience import AudienceOptions

@@ -543,6 +543,14 @@ def test_a_log_of_the_first_layout_is_read() -> None:
     assert {tracker["left_out"] for tracker in last["trackers"]} == {""}
 
 
+def test_a_log_that_does_not_say_where_on_the_earth_it_was_is_read() -> None:
+    """2 s of a simulated flight, as version 0.3.0 wrote it."""
+    recording = read_recording(Path(__file__).parent / "logs" / "layout-4.mcap")
+    assert (recording.layout, recording.head.origin, recording.is_cut) == (4, None, False)
+    assert len(list(recording.frames())) == recording.num_frames == 6
+    assert verify(recording).is_same
+
+
 def test_a_log_that_does_not_say_what_the_radio_was_found_to_be_is_read() -> None:
     """7 s of a simulated chase, frames alone, before there was ``adaptive``."""
     recording = read_recording(Path(__file__).parent / "logs" / "layout-2-frames.mcap")

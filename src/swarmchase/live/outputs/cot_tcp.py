@@ -53,7 +53,9 @@ def _hear(connected: socket.socket) -> None:
     Raises:
         ConnectionError: the other end has closed.
     """
+    connected.setblocking(False)
     with contextlib.suppress(BlockingIOError):
-        while connected.recv(65_536, socket.MSG_DONTWAIT):
+        while connected.recv(65_536):
             pass
         raise ConnectionError("the other end has closed the connection")
+    connected.settimeout(WAIT_S)

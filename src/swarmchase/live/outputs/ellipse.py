@@ -50,10 +50,10 @@ def ground_ellipse(region: RegionFrame) -> GroundEllipse:
     both_m2 = sum(axis_m[0] * axis_m[1] for axis_m in axes_m)
     # The eigenvalues and the first eigenvector of [[east, both], [both, north]].
     middle_m2, spread_m2 = (east_m2 + north_m2) / 2, math.hypot((east_m2 - north_m2) / 2, both_m2)
-    azimuth = math.atan2(2 * both_m2, north_m2 - east_m2) / 2
+    azimuth_deg = math.degrees(math.atan2(2 * both_m2, north_m2 - east_m2)) / 2
     return GroundEllipse(
         semi_major_m=math.sqrt(middle_m2 + spread_m2),
         semi_minor_m=math.sqrt(max(middle_m2 - spread_m2, 0.0)),
-        azimuth_deg=math.degrees(azimuth) % 180,
+        azimuth_deg=azimuth_deg % 180 % 180,  # a tiny negative one becomes 180 first
         half_height_m=math.sqrt(up_m2),
     )

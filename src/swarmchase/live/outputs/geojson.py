@@ -30,10 +30,11 @@ def geojson(head: LogHead, frames: Iterable[Frame], details: OutputDetails) -> s
         time_s = frame["time_s"]
         moment_ns = head.wall_ns(head.began_ns + round(time_s * 1e9))
         for name, place_m in _places_m(frame).items():
+            way = ways.setdefault(name, _Way(name))
             if place_m is not None:
-                ways.setdefault(name, _Way(name)).add(moment_ns, _position(details, place_m))
+                way.add(moment_ns, _position(details, place_m))
         last = frame
-    features = [way.feature() for way in ways.values()]
+    features = [way.feature() for way in ways.values() if way.positions]
     if last is not None and last["estimate"] is not None and last["estimate"]["region"] is not None:
         features.append(_region(last, details))
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
@@ -44,18 +45,18 @@ class _Way:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._positions: list[list[float]] = []
+        self.positions: list[list[float]] = []
         self._moments_ns: list[int] = []
 
     def add(self, moment_ns: int, position: list[float]) -> None:
         """It was there then; where it has stayed is not told again."""
-        if not self._positions or position != self._positions[-1]:
-            self._positions.append(position)
+        if not self.positions or position != self.positions[-1]:
+            self.positions.append(position)
             self._moments_ns.append(moment_ns)
 
     def feature(self) -> dict[str, Any]:
         """A line, or a point where it never moved."""
-        moves = len(self._positions) > 1
+        moves = len(self.positions) > 1
         properties = {
             "name": self._name,
             "stroke": COLORS.get(self._name, TRACKER_COLOR),
@@ -63,7 +64,7 @@ class _Way:
         }
         geometry = {
             "type": "LineString" if moves else "Point",
-            "coordinates": self._positions if moves else self._positions[0],
+            "coordinates": self.positions if moves else self.positions[0],
         }
         return {"type": "Feature", "properties": properties, "geometry": geometry}
 

@@ -1,17 +1,12 @@
-"""What an output says of itself, so that a person can name it."""
+"""Which outputs there are, and what they are told besides their address."""
 
-import importlib
 import socket
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ..address import AddressKind
 from ..earth import EarthOrigin, GlobalPosition
 from ..link.messages import Metres
-
-if TYPE_CHECKING:
-    from .protocol import Output
 
 ORIGIN_OPTION = "--global-origin LATITUDE LONGITUDE ALTITUDE"
 """How a person says where x, y, z are 0."""
@@ -55,12 +50,18 @@ class OutputKind(AddressKind):
     home: str
     """The module beside this one, and the class in it. It is imported when it is asked for: help needs none."""
 
-    def open(self, place: str, details: OutputDetails) -> "Output":
-        """The output at this place, which need not be there yet.
 
-        Raises:
-            InputError: there can be none, or a detail or a package is missing.
-        """
-        module, name = self.home.split(".")
-        opened: Output = getattr(importlib.import_module(f".{module}", __package__), name)(place, details)
-        return opened
+KINDS = (
+    OutputKind(
+        scheme="cot-udp", place="HOST:PORT", note="Cursor-on-Target for ATAK and WinTAK", home="cot_udp.CotUdpOutput"
+    ),
+    OutputKind(scheme="cot-tcp", place="HOST:PORT", note="the same for a TAK server", home="cot_tcp.CotTcpOutput"),
+    OutputKind(
+        scheme="jsonl",
+        place="FILE",
+        note="the estimate in the terms of Remote ID, in a new file",
+        home="json_lines.JsonLinesOutput",
+    ),
+    OutputKind(scheme="mqtt", place="HOST:PORT[/TOPIC]", note="the same to a broker", home="mqtt.MqttOutput"),
+)
+"""Of all outputs there are. A new one is a module beside this one, and its name here."""
