@@ -1,5 +1,6 @@
 """A flight that the real service has flown: in its frames, on the page in a real browser, and drawn by the command."""
 
+import base64
 import dataclasses
 import io
 import math
@@ -243,9 +244,11 @@ def test_the_command_draws_it(flight: RecordedChase, tmp_path: Path) -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "swarmchase", "replay", str(log), "--report"], capture_output=True, text=True, check=True
     )
-    drawing = log.with_suffix(".png")
-    assert f"The drawing is {drawing}." in " ".join(ran.stderr.split())
-    picture = np.asarray(Image.open(drawing).convert("RGB"), dtype=np.int64)
+    report = log.with_suffix(".html")
+    assert f"The report is {report}." in " ".join(ran.stderr.split())
+    drawn = re.search(r'src="data:image/png;base64,([^"]+)"', report.read_text())
+    assert drawn
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(drawn[1]))).convert("RGB"), dtype=np.int64)
     assert picture.shape[1] == pytest.approx(7.16 * 200, abs=2)
     for name, color in {"pursuing": "#56B4E9", "reached": "#009E73", "belief": "#7B3294", "target": "#D55E00"}.items():
         assert is_near(picture, color).sum() > 50, name
@@ -256,4 +259,4 @@ def test_a_log_in_which_nothing_flies_is_not_drawn(flight: RecordedChase, tmp_pa
     ChaseRecorder(log, flight.head).close()
     with pytest.raises(InputError, match="there is nothing to draw"):
         ReplayCommand(file=log, report=True).run()
-    assert not log.with_suffix(".png").exists()
+    assert not log.with_suffix(".html").exists()
