@@ -1,6 +1,8 @@
 """The command line before a command runs: what there is, what was meant, options from a file, and completion."""
 
+import os
 import shutil
+import signal
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +12,7 @@ import pytest
 from swarmchase.cli import main
 from swarmchase.commands.catalogue import COMMANDS, SECTIONS
 from swarmchase.commands.completion import completion_script
+from swarmchase.processes.stop_request import STOP_SIGNALS
 
 TRACKER = 'number = 2\nsource = "udp:5000"\nvehicle = "simulated"\n'
 
@@ -168,3 +171,60 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.Cap
     assert refused(f"serve --config {missing}", capsys) == (
         f"cannot read configuration {missing}: No such file or directory"
     )
+
+
+# --- one rule for signals, and one for files that are there ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_asks_a_command_to_stop_is_heard_alike_by_all(
+    name: str, number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """While one works that does not look for it itself; those that do have tests of their own."""
+
+    class Working:
+        def run(self) -> None:
+            os.kill(os.getpid(), number)
+            raise AssertionError("it was not heard")
+
+    monkeypatch.setattr("swarmchase.cli._parsed", lambda words: (name, Working()))
+    with pytest.raises(SystemExit) as end:
+        main([name])
+    assert (end.value.code, capsys.readouterr().err) == (128 + number, "swarmchase: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "file"),
+    [
+        ("chase --controller gradient --animation film.gif", "film.gif"),
+        ("evaluate --controller gradient --episodes 2 --processes 1 --table table.parquet", "table.parquet"),
+        ("benchmark cluster --figure scaling.png", "scaling.png"),
+        ("live --headless --log chase.mcap", "chase.mcap"),
+        ("live --headless --log new.mcap --output jsonl:estimate.jsonl", "estimate.jsonl"),
+        ("keys swarm.keys", "swarm.keys"),
+    ],
+)
+def test_no_file_that_somebody_names_is_replaced_unasked(
+    words: str, file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each is refused before any work."""
+    monkeypatch.chdir(tmp_path)
+    Path(file).write_text("precious")
+    assert f"{file}" in (told := refused(words, capsys))
+    assert "exists already" in told
+    assert {path.name: path.stat().st_size for path in tmp_path.iterdir()} == {file: len("precious")}
+
+
+def test_overwrite_replaces_it_and_results_in_a_folder_are_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    evaluate, chase = "evaluate --controller gradient --episodes 2", "chase --controller gradient --max-movements 2"
+    Path("table.parquet").write_text("precious")
+    main([*evaluate.split(), "--processes", "1", "--table", "table.parquet", "--overwrite"])
+    assert Path("table.parquet").read_bytes()[:4] == b"PAR1"
+    main(chase.split())
+    assert "Replaced" not in capsys.readouterr().err
+    main(chase.split())
+    assert "Replaced: chase-output/chase.json, chase-output/chase.png\n" in capsys.readouterr().err

@@ -40,7 +40,7 @@ def printed(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def test_a_unit_starts_a_command_that_this_version_takes(
     name: str, configuration: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the configuration that is shipped beside it, whole: every option of both is one, with a value that it takes."""
+    """With the configuration that is shipped beside it, whole: every option of both is one."""
     program, *words = shlex.split(unit(name)["Service"]["ExecStart"])
     assert program == PROGRAM
     values = {
@@ -121,7 +121,6 @@ def test_its_head_starts_a_command_that_there_is() -> None:
     command = re.search(r"swarmchase (serve .*)$", head)
     assert command
     assert command[1].split()[0] in COMMANDS
-    assert "--stop-timeout" not in head
 
 
 def test_the_document_has_every_file() -> None:

@@ -26,6 +26,9 @@ class OutputOptions:
     geoid_height_m: float = 0.0
     """Of the sea level above the ellipsoid of WGS 84 there, which outputs count heights from."""
 
+    mqtt_password_file: Path | None = None
+    """Holds the password of the user that output mqtt names."""
+
     def audience(self, page: str | None, log: Path | None, is_simulated: bool) -> "AudienceOptions":
         """Who follows the chase.
 
@@ -37,4 +40,5 @@ class OutputOptions:
         from ..live.outputs.kind import OutputDetails
 
         origin = None if self.global_origin is None else EarthOrigin(*self.global_origin)
-        return AudienceOptions(page, log, self.output, OutputDetails(origin, self.geoid_height_m, is_simulated))
+        details = OutputDetails(origin, self.geoid_height_m, is_simulated, self.mqtt_password_file)
+        return AudienceOptions(page, log, self.output, details)

@@ -99,6 +99,7 @@ class Broker(Listener):
 
     def __init__(self, port: int = 0, refusal: int = 0) -> None:
         self.published: list[tuple[str, bytes]] = []
+        self.users: list[tuple[str, str]] = []
         self._refusal = refusal
         super().__init__(socket.SOCK_STREAM, port)
 
@@ -113,6 +114,8 @@ class Broker(Listener):
                     kind, body, buffer = packet
                     if kind == 1:
                         assert body.startswith(b"\0\4MQTT\4")
+                        _, *credentials = _strings(body[10:])
+                        self.users += [tuple(credentials)] if credentials else []  # type: ignore[list-item]
                         connection.sendall(bytes([0x20, 2, 0, self._refusal]))
                     elif kind == 12:
                         connection.sendall(bytes([0xD0, 0]))
@@ -133,3 +136,13 @@ def _packet(data: bytes) -> tuple[int, bytes, bytes] | None:
         if data[at - 1] < 128:
             return (data[0] >> 4, data[at : at + length], data[at + length :]) if len(data) >= at + length else None
     return None
+
+
+def _strings(data: bytes) -> list[str]:
+    """Each after its length in two bytes."""
+    found = []
+    while data:
+        length = int.from_bytes(data[:2], "big")
+        found.append(data[2 : 2 + length].decode())
+        data = data[2 + length :]
+    return found

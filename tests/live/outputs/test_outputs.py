@@ -4,7 +4,9 @@ import json
 import math
 import re
 import socket
+import sys
 import time
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -190,7 +192,7 @@ def test_who_cannot_be_reached_is_told_once_and_tried_again(scheme: str, shown: 
     with socket.socket(socket.AF_INET, kind) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    name = f"{scheme}:127.0.0.1:{port}"
+    name = f"{scheme}:127.0.0.1:{port}" + ("/target" if scheme == "mqtt" else "")
     publisher = Publisher(name, open_output(name, DETAILS), shown.head, retry_s=0.02)
     alarms: list[Alarm] = []
 
@@ -219,12 +221,16 @@ def test_who_cannot_be_reached_is_told_once_and_tried_again(scheme: str, shown: 
         publisher.close()
 
 
-def test_a_broker_that_refuses_says_why(shown: Shown) -> None:
+def test_a_broker_that_refuses_says_why(shown: Shown, tmp_path: Path) -> None:
+    """As one that lets in nobody but the user whose password the file holds."""
     broker = Broker(refusal=5)
-    output = open_output(f"mqtt:127.0.0.1:{broker.port}", DETAILS)
+    (tmp_path / "password").write_text("secret\n")
+    details = replace(DETAILS, mqtt_password_file=tmp_path / "password")
+    output = open_output(f"mqtt:chaser@127.0.0.1:{broker.port}/target", details)
     try:
         with pytest.raises(ConnectionError, match="the broker refuses: Not authorized"):
             output.send(shown.frames[-1], 0)
+        assert broker.users == [("chaser", "secret")]
     finally:
         output.close()
         broker.close()
@@ -314,7 +320,7 @@ def test_a_full_disk_leaves_whole_lines(shown: Shown, tmp_path: Path) -> None:
         ("cot-udp:127.0.0.1:1", "output cot-udp is refused: it shows places on the earth; give --global-origin LATI"),
         ("cot-tcp:127.0.0.1:1", "output cot-tcp is refused: it shows places on the earth; give --global-origin LATI"),
         ("jsonl:there", "cannot write the output there: it exists already"),
-        ("mqtt:127.0.0.1", "'127.0.0.1' is refused: allowed is HOST:PORT"),
+        ("mqtt:127.0.0.1:1883", "output 'mqtt:127.0.0.1:1883' is refused: allowed is mqtt:[USER@]HOST[:PORT]/TOPIC"),
         ("mqtt:127.0.0.1:1/site/#", "topic 'site/#' is refused: + and # are for those who listen"),
     ],
 )
@@ -330,9 +336,9 @@ def test_what_can_be_no_output_is_refused(
 
 
 def test_mqtt_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "paho.mqtt.client", None)
-    with pytest.raises(InputError, match=r"output mqtt needs paho-mqtt: pip install 'swarmchase\[mqtt\]'"):
-        open_output("mqtt:127.0.0.1:1883", OutputDetails())
+    monkeypatch.setitem(sys.modules, "paho.mqtt.client", None)
+    with pytest.raises(InputError, match="MQTT needs paho-mqtt: pip install"):
+        open_output("mqtt:127.0.0.1/target", OutputDetails())
 
 
 def test_the_document_has_every_output() -> None:

@@ -153,7 +153,8 @@ def _add(parent: ElementTree.Element, name: str, **attributes: str) -> ElementTr
 
 
 def _document(event: ElementTree.Element) -> bytes:
-    return ElementTree.tostring(event, encoding="UTF-8", xml_declaration=True)
+    document: bytes = ElementTree.tostring(event, encoding="UTF-8", xml_declaration=True)
+    return document
 
 
 def _time(moment: datetime) -> str:

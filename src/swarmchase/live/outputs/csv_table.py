@@ -52,7 +52,7 @@ def _row(head: LogHead, frame: Frame, details: OutputDetails) -> dict[str, Cell]
 
 
 def _place(name: str, place_m: list[float] | None, details: OutputDetails) -> dict[str, Cell]:
-    east_m, north_m, up_m = place_m or [None, None, None]
+    east_m, north_m, up_m = (None, None, None) if place_m is None else place_m
     cells: dict[str, Cell] = {f"{name}_x_m": east_m, f"{name}_y_m": north_m, f"{name}_z_m": up_m}
     if details.origin is None:
         return cells

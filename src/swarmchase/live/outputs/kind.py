@@ -2,6 +2,7 @@
 
 import socket
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ...errors import InputError
 from ..address import AddressKind
@@ -22,6 +23,8 @@ class OutputDetails:
     """Of the sea level above the ellipsoid of WGS 84, at the origin."""
     is_simulated: bool = False
     """Nothing of it flies: whoever sees it is to know that."""
+    mqtt_password_file: Path | None = None
+    """Holds the password of the broker's user."""
     station: str = field(default_factory=socket.gethostname)
     """Tells chases of several ground stations on one network apart."""
 
@@ -62,6 +65,11 @@ KINDS = (
         note="the estimate in the terms of Remote ID, in a new file",
         home="json_lines.JsonLinesOutput",
     ),
-    OutputKind(scheme="mqtt", place="HOST:PORT[/TOPIC]", note="the same to a broker", home="mqtt.MqttOutput"),
+    OutputKind(
+        scheme="mqtt",
+        place="HOST/TOPIC",
+        note="the same to a broker; or USER@HOST:PORT/TOPIC",
+        home="mqtt.MqttOutput",
+    ),
 )
 """Of all outputs there are. A new one is a module beside this one, and its name here."""

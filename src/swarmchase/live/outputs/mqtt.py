@@ -1,17 +1,15 @@
 """The estimate to an MQTT broker (extra: mqtt), each message as in a file of JSON lines."""
 
 import contextlib
-import importlib
 import threading
 from typing import Any
 
 from ...errors import InputError
-from ..address import host_and_port
 from ..frame import Frame
+from ..mqtt_address import mqtt_address, paho_client
 from .kind import OutputDetails
 from .remote_id import estimate_message
 
-DEFAULT_TOPIC = "swarmchase/estimate"
 WAIT_S = 3.0
 """For the broker's answer."""
 
@@ -20,15 +18,14 @@ class MqttOutput:
     """To one topic of one broker; a connection that ends is made again with the next frame.
 
     Raises:
-        InputError: paho-mqtt is not installed, or the place is no address or holds a topic that none can be sent to.
+        InputError: paho-mqtt is not installed, or the place is none, or holds a topic that nothing can be sent to.
     """
 
     def __init__(self, place: str, details: OutputDetails) -> None:
-        address, _, topic = place.partition("/")
-        self._address, self._topic, self._details = host_and_port(address), topic or DEFAULT_TOPIC, details
-        if set(self._topic) & set("+#\0"):
-            raise InputError(f"topic {self._topic!r} is refused: + and # are for those who listen")
-        self._paho = _paho()
+        self._address, self._details = mqtt_address(place, details.mqtt_password_file, "output"), details
+        if set(self._address.topic) & set("+#\0"):
+            raise InputError(f"topic {self._address.topic!r} is refused: + and # are for those who listen")
+        self._paho = paho_client()
         self._client: Any = None
 
     def send(self, frame: Frame, wall_ns: int) -> None:
@@ -40,7 +37,7 @@ class MqttOutput:
         try:
             if self._client is None:
                 self._client = self._connected()
-            sent = self._client.publish(self._topic, estimate_message(frame, wall_ns, self._details))
+            sent = self._client.publish(self._address.topic, estimate_message(frame, wall_ns, self._details))
             if sent.rc != self._paho.MQTT_ERR_SUCCESS or not self._client.is_connected():
                 raise ConnectionError("the broker has closed the connection")
         except OSError:
@@ -60,13 +57,15 @@ class MqttOutput:
         answered, refusals = threading.Event(), []
         client = self._paho.Client(self._paho.CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
         client.connect_timeout = WAIT_S
+        if self._address.user is not None:
+            client.username_pw_set(self._address.user, self._address.password)
 
         def hear_answer(_client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
             refusals.extend([str(reason)] if reason.is_failure else [])
             answered.set()
 
         client.on_connect = hear_answer
-        client.connect(*self._address)
+        client.connect(self._address.host, self._address.port)
         client.loop_start()
         has_answered = answered.wait(WAIT_S)
         if has_answered and not refusals:
@@ -74,10 +73,3 @@ class MqttOutput:
         client.disconnect()
         client.loop_stop()
         raise ConnectionError(f"the broker refuses: {refusals[0]}" if refusals else "the broker does not answer")
-
-
-def _paho() -> Any:
-    try:
-        return importlib.import_module("paho.mqtt.client")
-    except ImportError:
-        raise InputError("output mqtt needs paho-mqtt: pip install 'swarmchase[mqtt]'") from None

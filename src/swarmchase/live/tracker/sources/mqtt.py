@@ -1,22 +1,15 @@
 """Records that an MQTT broker passes on, from a LoRa gateway, an ESP32 or a bridge: JSON, or text with a level."""
 
-import re
 from collections import deque
-from pathlib import Path
 from typing import Any
 
 from ....errors import InputError
-from ....reading import read_bytes
-from ...address import host_and_port
+from ...mqtt_address import MqttAddress, mqtt_address, paho_client
 from .kind import SourceDetails, SourceKind
 from .lines import LineRecords
 from .printed_records import PrintedRecords
 from .protocol import MOST_PER_READ, Sample
 from .rejected import Rejected
-
-DEFAULT_PORT = 1883
-MOST_PASSWORD_BYTES = 4096
-_PLACE = re.compile(r"(?:(?P<user>[^@/]+)@)?(?P<host>\[[^\]]+\]|[^:/\[\]]+)(?::(?P<port>\d+))?/(?P<topic>.+)")
 
 
 class MqttSource:
@@ -26,33 +19,21 @@ class MqttSource:
         InputError: paho-mqtt is not installed.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        topic: str,
-        records: LineRecords,
-        user: str | None = None,
-        password: str | None = None,
-    ) -> None:
-        try:
-            from paho.mqtt import client as paho
-            from paho.mqtt.enums import CallbackAPIVersion
-        except ModuleNotFoundError as error:
-            raise InputError("MQTT needs paho-mqtt: pip install 'paho-mqtt>=2'") from error
-        self._topic, self._records = topic, records
-        self._place = f"{host}:{port}"
+    def __init__(self, address: MqttAddress, records: LineRecords) -> None:
+        paho = paho_client()
+        self._topic, self._records = address.topic, records
+        self._place = f"{address.host}:{address.port}"
         self._state = "it has not answered"
         self._waiting: deque[bytes] = deque(maxlen=MOST_PER_READ)
-        self._client = paho.Client(CallbackAPIVersion.VERSION2)
-        if user is not None:
-            self._client.username_pw_set(user, password)
+        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        if address.user is not None:
+            self._client.username_pw_set(address.user, address.password)
         self._client.on_connect = self._on_connect
         self._client.on_connect_fail = self._on_connect_fail
         self._client.on_disconnect = self._on_disconnect
         self._client.on_message = self._on_message
         self._client.reconnect_delay_set(min_delay=1, max_delay=5)
-        self._client.connect_async(host, port)
+        self._client.connect_async(address.host, address.port)
         self._client.loop_start()
 
     @property
@@ -99,21 +80,11 @@ class MqttSource:
 
 
 def _open(place: str, details: SourceDetails) -> MqttSource:
-    found = _PLACE.fullmatch(place)
-    if found is None:
-        raise InputError(f"source 'mqtt:{place}' is refused: allowed is mqtt:[USER@]HOST[:PORT]/TOPIC")
-    host, port = host_and_port(f"{found['host']}:{found['port'] or DEFAULT_PORT}")
-    if details.mqtt_password_file is not None and found["user"] is None:
-        raise InputError("a password is of a user: mqtt:USER@HOST[:PORT]/TOPIC says whose --mqtt-password-file holds")
-    password = _password(details.mqtt_password_file)
-    levels = found["topic"].split("/")
+    address = mqtt_address(place, details.mqtt_password_file, "source")
+    levels = address.topic.split("/")
     if "#" in "/".join(levels)[:-1] or any(set("+#") & set(level) and len(level) > 1 for level in levels):
-        raise InputError(f"topic {found['topic']!r} is refused: + is for a whole level, # for all at the end")
-    return MqttSource(host, port, found["topic"], PrintedRecords(details), found["user"], password)
-
-
-def _password(path: Path | None) -> str | None:
-    return None if path is None else read_bytes(path, "password", MOST_PASSWORD_BYTES).decode(errors="replace").strip()
+        raise InputError(f"topic {address.topic!r} is refused: + is for a whole level, # for all at the end")
+    return MqttSource(address, PrintedRecords(details))
 
 
 KIND = SourceKind(scheme="mqtt", place="HOST/TOPIC", note="or USER@HOST:PORT/TOPIC", open=_open)
