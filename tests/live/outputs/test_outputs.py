@@ -283,6 +283,31 @@ def test_what_fails_otherwise_is_told_and_no_end(shown: Shown) -> None:
     assert failing.calls > 100
 
 
+def test_who_takes_a_frame_and_hangs_up_does_not_work_again(shown: Shown) -> None:
+    """As a proxy does, or a server at its limit: one alarm for as long as it lasts, however many frames get through."""
+
+    class Fickle(StuckOutput):
+        def send(self, frame: Frame, wall_ns: int) -> None:
+            self.calls += 1
+            if self.calls % 3 == 1:
+                raise ConnectionError("the other end has closed the connection")
+
+        def close(self) -> None:
+            pass
+
+    fickle, seen = Fickle(), []
+    publisher = Publisher("fickle", fickle, shown.head, retry_s=0.0)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while fickle.calls < 10:
+        assert time.monotonic() < deadline_s
+        publisher.take(copy_at(shown.frames[-1], float(len(seen))))
+        time.sleep(0.01)
+        seen.append([alarm.text for alarm in publisher.alarms])
+    publisher.close()
+    alarm = ["output fickle fails: the other end has closed the connection; it is tried again"]
+    assert seen[seen.index(alarm) :] == [alarm] * (len(seen) - seen.index(alarm))
+
+
 def test_a_full_disk_leaves_whole_lines(shown: Shown, tmp_path: Path) -> None:
     output: Any = open_output(f"jsonl:{tmp_path / 'new' / 'lines.jsonl'}", DETAILS)
     output.send(shown.frames[-1], 0)

@@ -14,6 +14,8 @@ RATE_HZ = 1.0
 """Of frames, besides one at each change of state: as often as maps and Remote ID expect news."""
 RETRY_S = 5.0
 """After a failure the next frame is tried so much later."""
+STEADY_FRAMES = 3
+"""An output works again when so many in a row have been sent: one that takes a frame and hangs up does not."""
 CLOSE_S = 1.0
 """So long ``close`` waits for the last frame."""
 
@@ -72,6 +74,7 @@ class Publisher:
     # In the thread
 
     def _send_all(self) -> None:
+        sent = 0
         while (frame := self._next()) is not None:
             try:
                 self._output.send(frame, self._head.wall_ns(self._head.began_ns + round(frame["time_s"] * 1e9)))
@@ -79,9 +82,11 @@ class Publisher:
                 # Of one outage the first reason is told; the chase goes on whatever it is.
                 reason = error.strerror if isinstance(error, OSError) else None
                 self._failure = self._failure or reason or str(error) or type(error).__name__
+                sent = 0
                 self._is_closing.wait(self._retry_s)
             else:
-                self._failure = None
+                sent += 1
+                self._failure = None if sent >= STEADY_FRAMES else self._failure
         self._output.close()
 
     def _next(self) -> Frame | None:
