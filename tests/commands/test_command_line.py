@@ -200,7 +200,7 @@ def test_what_asks_a_command_to_stop_is_heard_alike_by_all(
         ("chase --controller gradient --animation film.gif", "film.gif"),
         ("evaluate --controller gradient --episodes 2 --processes 1 --table table.parquet", "table.parquet"),
         ("benchmark cluster --figure scaling.png", "scaling.png"),
-        ("live --headless --log chase.mcap", "chase.mcap"),
+        ("live --headless --log chase.mcap --output jsonl:estimate.jsonl", "chase.mcap"),
         ("live --headless --log new.mcap --output jsonl:estimate.jsonl", "estimate.jsonl"),
         ("keys swarm.keys", "swarm.keys"),
     ],

@@ -292,14 +292,14 @@ def head_of(form: HeadForm) -> LogHead:
         SafetyLimits(**{name: float(limit) for name, limit in form["limits"].items()}),
         _utc(form["started_at"]),
         form["began_ns"],
-        None if form["global_origin"] is None else _origin(form["global_origin"]),
+        None if form["global_origin"] is None else _origin([float(value) for value in form["global_origin"]]),
     )
 
 
 def _origin(values: list[float]) -> EarthOrigin:
     if len(values) != 3:
         raise InputError(f"global_origin = {values} is not latitude, longitude and altitude")
-    return EarthOrigin(*map(float, values))
+    return EarthOrigin(*values)
 
 
 def _utc(text: str) -> datetime:

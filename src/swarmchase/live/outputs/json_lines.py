@@ -17,7 +17,8 @@ class JsonLinesOutput:
 
     def __init__(self, place: str, details: OutputDetails) -> None:
         self._details = details
-        self._file = new_file(Path(place), "output", buffering=0)
+        self._path = Path(place)
+        self._file = new_file(self._path, "output", buffering=0)
 
     def send(self, frame: Frame, wall_ns: int) -> None:
         """One line, whole or not at all.
@@ -34,5 +35,7 @@ class JsonLinesOutput:
             raise
 
     def close(self) -> None:
-        """End the file."""
+        """End the file; one without a line, of a chase that never began, is none."""
+        if not self._file.tell():
+            self._path.unlink(missing_ok=True)
         self._file.close()
