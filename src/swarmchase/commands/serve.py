@@ -10,15 +10,9 @@ from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
 from .configuration import ConfigurationOptions
-from .options import (
-    DEFAULT_CONTROLLER,
-    LinkOptions,
-    ListeningControllerName,
-    ScenarioOptions,
-    ServiceOptions,
-    fields_from,
-)
-from .terminal import explain_choice, line_printer, print_json
+from .link_options import LinkOptions, fields_from
+from .options import DEFAULT_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions, explain_choice
+from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller
