@@ -135,7 +135,12 @@ def test_every_ambiguity_names_its_setting() -> None:
         assert "`" in setting, f"{where}: name where the choice is made"
 
 
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "src/swarmchase/weights/README.md"]
+DOCUMENTS = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "src/swarmchase/weights").rglob("README.md")),
+    ROOT / "tracker/README.md",
+]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
