@@ -20,7 +20,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import swarmchase
-from swarmchase.controllers import load_controller, require_controller, shipped
+from swarmchase.controllers import load_controller, shipped
 from swarmchase.errors import InputError
 from swarmchase.networks.weights import read_weights
 from swarmchase.scenario import paper_scenario
@@ -37,6 +37,7 @@ LEFT_BY_COMMANDS = (
     "live-output/20260101-000000-seed0-chase0.mcap",
     "dist/swarmchase-0.0.0.tar.gz",
 )
+GIT = {**os.environ, **{f"GIT_{who}_{what}": "a@b.c" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")}}
 MOST_WHEEL_BYTES = 25_000_000
 LIVE = "live --headless --seed 2 --controller paper --start-distance-m 12 --sampling-hz 100 --json --log chase.mcap"
 
@@ -173,15 +174,39 @@ def test_the_wheel_is_small_and_its_weights_are_those_of_the_clone(
     assert packed.keys() == own.keys() >= set(left_out)
     assert {name for name, one in packed.items() if not one.is_here} == set(left_out)
     for name, one in packed.items():
-        sampling_hz, spatial_correlation = one.setting or (10.0, 0.9)
-        scenario = paper_scenario(sampling_hz=sampling_hz, spatial_correlation=spatial_correlation)
         if one.is_here:
             assert read_weights(one.path) == own[name].path.read_bytes()
-            require_controller(one.family, scenario)
         else:
+            sampling_hz, spatial_correlation = one.setting or (10.0, 0.9)
+            scenario = paper_scenario(sampling_hz=sampling_hz, spatial_correlation=spatial_correlation)
             place = own[name].path.relative_to(ROOT)
             with pytest.raises(InputError, match=rf"^the weights {name} are not in this .* controller: {place}$"):
                 load_controller(one.family, scenario)
+
+
+def test_the_tag_is_of_the_version_that_everything_says(tmp_path: Path) -> None:
+    version = swarmchase.__version__
+    for name in ("Makefile", "CHANGELOG.md", "CITATION.cff", "src/swarmchase/__init__.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
+
+    def command(*words: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(words, cwd=tmp_path, env=GIT, capture_output=True, text=True, check=False)
+
+    command("git", "init", "--quiet")
+    assert "git status is not clean" in command("make", "tag").stdout
+    command("git", "add", ".")
+    command("git", "commit", "--quiet", "--message", "all")
+    assert command("make", "tag").returncode == 0
+    assert command("git", "tag").stdout == f"v{version}\n"
+    package = tmp_path / "src" / "swarmchase" / "__init__.py"
+    package.write_text(package.read_text().replace(f'"{version}"', '"99.0.0"'))
+    assert command("make", "tag").stdout.startswith("CHANGELOG.md has no section of 99.0.0")
+    tags = subprocess.run(["git", "tag", "--list", "v*"], cwd=ROOT, capture_output=True, text=True, check=False)
+    for tag in tags.stdout.split():
+        words = ["git", "show", f"{tag}:src/swarmchase/__init__.py"]
+        said = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        assert f'__version__ = "{tag.removeprefix("v")}"' in said
 
 
 def test_a_trackers_computer_needs_neither_torch_nor_numpy(small_computer: Path, tmp_path: Path) -> None:
