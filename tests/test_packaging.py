@@ -141,6 +141,17 @@ def test_metadata_says_whose_it_is_and_what_it_needs(dist: Path, name: str) -> N
     assert ("Typing :: Typed" in classifiers) == (f"{name}/py.typed" in contents(wheel_of(dist, name)))
 
 
+def test_both_ask_for_the_same_versions() -> None:
+    """What the tracker needs is what swarmchase[live] needs for the same modules."""
+    whole, tracker = (
+        tomllib.loads((ROOT / place / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        for place in ("", "tracker")
+    )
+    extras = whole["optional-dependencies"]
+    assert set(tracker["dependencies"]) <= {*whole["dependencies"], *extras["live"]}
+    assert tracker["optional-dependencies"].items() <= extras.items()
+
+
 def test_source_archives_hold_the_source_and_nothing_that_commands_leave(dist: Path) -> None:
     for name in ("swarmchase", "swarmchase_tracker"):
         with tarfile.open(dist / f"{name}-{swarmchase.__version__}.tar.gz") as archive:
