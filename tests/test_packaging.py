@@ -26,7 +26,7 @@ from swarmchase.networks.weights import read_weights
 from swarmchase.scenario import paper_scenario
 
 ROOT = Path(__file__).parents[1]
-NOT_SOURCE = (".git", ".venv", "__pycache__", ".*_cache", ".hypothesis")
+NOT_SOURCE = (".git", "runs", ".venv", "__pycache__", ".*_cache", ".hypothesis")
 LEFT_BY_COMMANDS = (
     "swarm.keys",
     "tracker/tracker-0.keys",
@@ -228,9 +228,20 @@ def test_a_trackers_computer_needs_neither_torch_nor_numpy(small_computer: Path,
     (tmp_path / "tracker.toml").write_text('source = "simulated:-60"\nvehicle = "simulated"\nunsigned = true\n')
     printed = run("--config", "tracker.toml", "--number", "3", "--print-config", python=program, folder=tmp_path)
     assert tomllib.loads(printed)["number"] == 3
-    ran = subprocess.run([program, "--nmber", "3"], capture_output=True, text=True, check=False, cwd=tmp_path)
+    # Another package's source and vehicle, which import swarmchase.
+    [packages] = small_computer.parents[1].glob("lib/python*/site-packages")
+    options = ["--no-deps", "--no-index", "--no-build-isolation", "--quiet", "--target", str(packages)]
+    run("-m", "pip", "install", *options, str(ROOT / "examples" / "plugin"))
+    words = [program, "--config", "tracker.toml", "--number", "0", "--source", "beacon:1", "--vehicle", "tripod"]
+    ran = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert ran.returncode == 2
-    assert ran.stderr.endswith("see: swarmchase-tracker --help\n")
+    assert ran.stderr == "swarmchase: a tripod needs --position-m: it is where it stands\n"
+    words += ["--position-m", "0", "0", "0", "--state-folder", "state"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as flying:
+        assert flying.stderr is not None
+        assert flying.stderr.readline() == "Tracker 0 dials 127.0.0.1:14550.\n"
+        flying.terminate()
+        assert flying.wait(60) == 0
 
 
 def test_a_live_chase_goes_across_both(ground_station: Path, small_computer: Path, tmp_path: Path) -> None:
