@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: chase test check-python clean
+.PHONY: chase test check-python tag clean
 
 chase: $(VENV)/.installed
 	$(BIN)/swarmchase chase --controller paper
@@ -34,6 +34,14 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 check-python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "swarmchase needs Python 3.11 or newer, and $(PYTHON) is " + sys.version.split()[0] + "; give another with: make PYTHON=python3.12 ...")'
+
+# The version stands in the package alone: the tag is made of it.
+tag:
+	@version=$$(sed -n 's/^__version__ = "\(.*\)"$$/\1/p' src/swarmchase/__init__.py); \
+	grep -q "^## $$version - " CHANGELOG.md || { echo "CHANGELOG.md has no section of $$version"; exit 1; }; \
+	grep -q "^version: $$version$$" CITATION.cff || { echo "CITATION.cff is of another version than $$version"; exit 1; }; \
+	test -z "$$(git status --porcelain)" || { echo "commit first: git status is not clean"; exit 1; }; \
+	git tag -a "v$$version" -m "swarmchase $$version"
 
 clean:
 	rm -rf $(VENV)

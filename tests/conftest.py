@@ -39,6 +39,7 @@ GROUPS = {
         "live/page/test_in_browser.py",
         "live/page/test_page.py",
         "simulation/test_live_chase.py",
+        "test_packaging.py",
         "test_pictures.py",
     },
 }

@@ -5,6 +5,7 @@ import functools
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ FORBIDDEN = [
     ("live", {"world", "simulation"}, set()),
     ("live.link", set(), {"torch", "numpy"}),  # a tracker's companion computer has neither
     ("live.tracker", set(), {"torch", "numpy"}),
+    ("tracker_alone", set(), {"torch", "numpy"}),
     ("reports", {"world", "networks", "controllers", "training", "cluster", "simulation"}, {"torch"}),
     ("gym", {"networks", "controllers", "training", "evaluation"}, set()),
     ("batch", {"channel", "world"}, set()),
@@ -202,6 +204,21 @@ def test_rooms_that_must_not_know_each_other(name: str, rooms: set[str], librari
     needed = needed_by(inside)
     assert {module for module in needed for one in rooms if lies_in(module, one)} == set()
     assert {(module, one) for module in needed for one in imports(module)[1] & libraries} == set()
+
+
+def test_the_trackers_own_distribution_holds_what_it_imports() -> None:
+    """And nothing else: by the list in its pyproject.toml."""
+    needed = needed_by(
+        {"tracker_alone"}
+        | {module for module in MODULES if lies_in(module, "live.link") or lies_in(module, "live.tracker")}
+    )
+    files = {MODULES[module] for module in needed} | {PACKAGE / "__init__.py"} | {*(PACKAGE / "scenarios").iterdir()}
+    project = Path(__file__).parents[1] / "tracker"
+    build = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]
+    modules = "swarmchase_tracker/modules/swarmchase/"
+    listed = [PACKAGE / name.removeprefix(modules) for name in build["only-include"] if name.startswith(modules)]
+    held = [file for place in listed for file in (place.rglob("*") if place.is_dir() else [place])]
+    assert {file for file in held if file.suffix in {".py", ".toml"}} == files
 
 
 def test_nothing_imports_the_command_line() -> None:

@@ -1,6 +1,7 @@
 """Files from outside are read within bounds: what is no regular file, too long, too deep or no number is one line."""
 
 import json
+import lzma
 import os
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from swarmchase.reading import (
     parsed_toml,
     read_bytes,
     read_json,
+    read_unpacked,
 )
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.training.run_folder import RunFolder, read_log
@@ -58,6 +60,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "weights": lambda path: load_controller(path.rename(path.with_suffix(".safetensors")), paper_scenario()),
     "weights checked": lambda path: require_controller(path.rename(path.with_suffix(".safetensors")), paper_scenario()),
     "weights told apart": lambda path: weights_sha256(path, paper_scenario()),
+    "packed weights": lambda path: read_unpacked(path, "weights file", 100),
     "resume file": resumed,
     "training log": logged,
     "table": lambda path: read_rows(path, "table"),
@@ -117,6 +120,30 @@ def test_a_file_is_read_whole_or_refused(tmp_path: Path) -> None:
         read_bytes(path, "thing", 99)
     path.write_bytes(b"")
     assert read_bytes(path, "thing", 0) == b""
+
+
+PACKED = lzma.compress(b"x" * 1000)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "it is damaged: it ends too early or too late"),
+        (PACKED[:-1], "it is damaged: it ends too early or too late"),
+        (PACKED + b"more", "it is damaged: it ends too early or too late"),
+        (PACKED[:30] + b"?" + PACKED[31:], "it is damaged: "),
+        (b"no such file" * 9, "it is damaged: Input format not supported by decoder"),
+        (lzma.compress(bytes(10**6)), "it holds more than 1000 bytes"),
+        (b"x" * 1001, "it has more than 1000 bytes"),
+    ],
+)
+def test_a_packed_file_is_read_whole_or_refused(content: bytes, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "it.xz"
+    path.write_bytes(PACKED)
+    assert read_unpacked(path, "thing", 1000) == b"x" * 1000
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"^cannot read thing {path}: {says}"):
+        read_unpacked(path, "thing", 1000)
 
 
 def test_a_huge_file_costs_no_memory(tmp_path: Path) -> None:

@@ -1,16 +1,11 @@
 """Where every command begins: ``swarmchase``, and ``python -m swarmchase``."""
 
-import signal
+from .processes.ctrl_c import end_silently
 
 
 def main() -> None:
-    """Run the command of the command line.
-
-    Until it has handlers of its own, Ctrl-C ends it as it ends any other program, without a word: Python's would raise
-    an exception in the midst of whatever is being imported.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Run the command of the command line."""
+    end_silently()
     from .cli import main as run
 
     run()

@@ -82,6 +82,27 @@ def read_bytes(path: Path, kind: str, most_bytes: int) -> bytes:
     return content
 
 
+def read_unpacked(path: Path, kind: str, most_bytes: int) -> bytes:
+    """What is packed in a file in the format xz; neither it nor the file may be longer.
+
+    Raises:
+        InputError: as ``read_bytes``, or it is no whole file of this format.
+    """
+    import lzma  # some small computers' Python has none
+
+    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ)
+    with refused(path, kind):
+        try:
+            content = unpacker.decompress(read_bytes(path, kind, most_bytes), most_bytes + 1)
+        except lzma.LZMAError as error:
+            raise DocumentError(f"it is damaged: {error}") from error
+        if len(content) > most_bytes:
+            raise DocumentError(f"it holds more than {most_bytes} bytes")
+        if not unpacker.eof or unpacker.unused_data:
+            raise DocumentError("it is damaged: it ends too early or too late")
+    return content
+
+
 def read_toml(path: Path, kind: str, bounds: Bounds) -> dict[str, Any]:
     """A TOML document.
 

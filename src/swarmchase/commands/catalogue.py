@@ -2,16 +2,8 @@
 
 import importlib
 from collections.abc import Callable, Mapping
-from typing import Protocol, runtime_checkable
 
-
-@runtime_checkable
-class Command(Protocol):
-    """One parsed command."""
-
-    def run(self) -> None:
-        """Do the work."""
-
+from .running import Command
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "Simulate": {
@@ -35,6 +27,9 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "keys renew": "keys.KeysRenewCommand",
         "keys revoke": "keys.KeysRevokeCommand",
         "keys reset": "keys.KeysResetCommand",
+    },
+    "Take along": {
+        "export": "export.ExportCommand",
     },
     "Measure": {
         "benchmark channel": "benchmark.BenchmarkChannelCommand",

@@ -10,8 +10,8 @@ from rich.table import Table
 from ..errors import InputError
 from ..files import require_writable_file
 from ..scenario import Scenario
-from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions
-from .terminal import CONSOLE, explain_choice, print_json, progress_bar, tell_replaced
+from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions, explain_choice
+from .terminal import CONSOLE, print_json, progress_bar, tell_replaced
 
 TOLD_EVERY_S = 1.0
 """Of the chase's own time, where it is measured by the clock: at most one line."""

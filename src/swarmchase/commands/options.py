@@ -3,18 +3,16 @@
 import contextlib
 import dataclasses
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from ..errors import InputError
-from ..files import require_writable_folder
 from ..live.service.settings import OperatorSettings, ServiceSettings
 from ..scenario import SHIPPED_SCENARIOS, Scenario, load_scenario
-from .terminal import warn
+from .link_options import fields_from
+from .terminal import CONSOLE, warn
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Runner
@@ -160,43 +158,6 @@ class ClusterOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkOptions:
-    """How either end of the live link is secured."""
-
-    keys: Path | None = None
-    """The key file; swarmchase keys makes one."""
-    unsigned: bool = False
-    """Do without keys; on the loopback interface only."""
-    state_folder: Path | None = None
-    """Remembers over restarts what must only rise; default is $XDG_STATE_HOME/swarmchase or
-    ~/.local/state/swarmchase."""
-
-    def read_keys(self) -> Mapping[int, bytes] | None:
-        """The keys by tracker, None where there are to be none.
-
-        Raises:
-            InputError: the key file is refused, or there is not exactly one of keys and ``unsigned``.
-        """
-        from ..live.link.keys import read_keys
-
-        if (self.keys is None) != self.unsigned:
-            raise InputError("give one of --keys FILE and --unsigned, which is for the loopback interface only")
-        return None if self.keys is None else read_keys(self.keys)
-
-    def folder(self) -> Path:
-        """The state folder, made if need be.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        from ..live.service.state_folder import default_state_folder
-
-        folder = default_state_folder() if self.state_folder is None else self.state_folder
-        require_writable_folder(folder)
-        return folder
-
-
-@dataclass(frozen=True, kw_only=True)
 class ServiceOptions(OperatorSettings):
     """How the controller service runs a chase."""
 
@@ -209,6 +170,11 @@ class ServiceOptions(OperatorSettings):
         return ServiceSettings(**fields_from(self, OperatorSettings))
 
 
-def fields_from(command: Any, kind: Any) -> dict[str, Any]:
-    """The values of those options that are fields of the dataclass ``kind``, which has the same names."""
-    return {field.name: getattr(command, field.name) for field in dataclasses.fields(kind)}
+def explain_choice(controller: str, scenario: Scenario) -> None:
+    """Say which trained controller is used, and why, where the scenario's F and rho are not its own."""
+    from ..controllers import chosen_weights
+
+    chosen = chosen_weights(controller, scenario)
+    explanation = None if chosen is None else chosen.explanation(scenario)
+    if explanation is not None:
+        CONSOLE.print(explanation, soft_wrap=True)

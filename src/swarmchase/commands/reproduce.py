@@ -8,7 +8,7 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced
+from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced, warn
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept
@@ -54,8 +54,12 @@ class ReproduceCommand(ClusterOptions):
                 _write(folder, evaluations, summaries, text)
 
     def _evaluations(self, folder: Path, episodes: int, unkept: "Unkept") -> "list[Evaluation]":
+        from ..controllers.shipped import shipped_families
         from ..evaluation.reproduction import cells, reproduce
 
+        for weights in shipped_families()["paper-a3c"]:
+            if not weights.is_here:
+                warn(f"Not reproduced: {weights.where_it_is}")
         total = sum(cell.episodes(episodes) for cell in cells())
         with self.runner() as runner, chases_progress("reproduce", total, BLOCKS_ARE_KEPT) as finished:
             return reproduce(folder, episodes, self.seed, self.processes, finished, runner, unkept)

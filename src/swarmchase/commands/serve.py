@@ -10,16 +10,10 @@ from ..errors import InputError
 from ..live.service.limit_values import LimitValues
 from ..scenario import NUM_TRACKERS
 from .configuration import ConfigurationOptions
-from .options import (
-    DEFAULT_CONTROLLER,
-    LinkOptions,
-    ListeningControllerName,
-    ScenarioOptions,
-    ServiceOptions,
-    fields_from,
-)
+from .link_options import LinkOptions, fields_from
+from .options import DEFAULT_CONTROLLER, ListeningControllerName, ScenarioOptions, ServiceOptions, explain_choice
 from .output_options import OutputOptions
-from .terminal import explain_choice, line_printer, print_json
+from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:
     from ..controllers import Controller

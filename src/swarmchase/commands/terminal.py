@@ -15,7 +15,6 @@ from rich.console import Console
 
 from ..errors import InputError
 from ..processes.stop_request import Interrupted, stop_request
-from ..scenario import Scenario
 
 STANDARD_ERROR = 2
 LAST_LINES_S = 1.0
@@ -116,16 +115,6 @@ def line_printer() -> Iterator[Callable[[str], None]]:
         with contextlib.suppress(queue.Full):
             lines.put_nowait(None)
         thread.join(LAST_LINES_S)
-
-
-def explain_choice(controller: str, scenario: Scenario) -> None:
-    """Say which trained controller is used, and why, where the scenario's F and rho are not its own."""
-    from ..controllers import chosen_weights
-
-    chosen = chosen_weights(controller, scenario)
-    explanation = None if chosen is None else chosen.explanation(scenario)
-    if explanation is not None:
-        CONSOLE.print(explanation, soft_wrap=True)
 
 
 @contextlib.contextmanager

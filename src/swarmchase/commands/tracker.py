@@ -17,7 +17,7 @@ from ..live.tracker.vehicles.address import KINDS as VEHICLES
 from ..live.tracker.vehicles.address import open_vehicle
 from ..live.tracker.vehicles.kind import VehicleDetails
 from .configuration import ConfigurationOptions
-from .options import LinkOptions, fields_from
+from .link_options import LinkOptions, fields_from
 from .terminal import line_printer, print_json
 
 if TYPE_CHECKING:

@@ -32,6 +32,7 @@ __all__ = [
     "Controller",
     "chosen_weights",
     "controller_names",
+    "learned_networks",
     "load_controller",
     "network_controller",
     "require_controller",
@@ -77,10 +78,15 @@ def weights_path(name_or_path: str | Path, scenario: Scenario) -> Path | None:
     """The weights file of a trained controller, which need not exist; None for an untrained one.
 
     Of a family that comes with the package it is the one for the scenario's F and rho (``chosen_weights``).
+
+    Raises:
+        InputError: it is one that this installation does not hold.
     """
     if _untrained(name_or_path, scenario) is not None:
         return None
     chosen = chosen_weights(str(name_or_path), scenario)
+    if chosen is not None and not chosen.is_here:
+        raise InputError(chosen.where_it_is)
     return Path(name_or_path) if chosen is None else chosen.path
 
 
@@ -109,10 +115,25 @@ def load_controller(
     untrained = _untrained(name, scenario)
     if untrained is not None:
         return untrained(scenario)
+    networks, filed_choice = learned_networks(name_or_path, scenario)
+    return network_controller(scenario, networks, name, action_choice or filed_choice)
+
+
+def learned_networks(name_or_path: str | Path, scenario: Scenario) -> tuple[HearingNetworks, ActionChoice]:
+    """The networks of a learned controller, which are not to be changed, and how their weights file says that actions
+    are chosen.
+
+    Raises:
+        InputError: a controller without networks, an unknown name, or a file that is missing, damaged or does not
+            match.
+    """
+    if _untrained(name_or_path, scenario) is not None:
+        raise InputError(
+            f"{name_or_path} has no networks in this scenario: {', '.join(shipped_families())} are learned"
+        )
     path = _given_weights_path(name_or_path, scenario)
     networks, configuration = shared_weights(path)
-    filed_choice = _filed_action_choice(path, configuration)
-    return network_controller(scenario, networks, name, action_choice or filed_choice)
+    return networks, _filed_action_choice(path, configuration)
 
 
 def require_controller(name_or_path: str | Path, scenario: Scenario) -> None:

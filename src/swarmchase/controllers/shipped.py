@@ -10,7 +10,9 @@ from ..scenario import Scenario
 
 WEIGHTS_FOLDER = Path(__file__).parent.parent / "weights"
 """A folder a family; a file's name is its setting: F10-rho0.9.safetensors, all-settings.safetensors, or
-all-channels.safetensors."""
+all-channels.safetensors. In a wheel they are compressed, and of some there is the name alone (hatch_build.py)."""
+LEFT_OUT = ".left-out"
+"""Ends the name of a file that the wheel does not hold."""
 ALL_SETTINGS = "all-settings"
 ALL_CHANNELS = "all-channels"
 """Of a controller that is not told F and rho."""
@@ -34,7 +36,21 @@ class ShippedWeights:
     @property
     def name(self) -> str:
         """``paper/F10-rho0.9``."""
-        return f"{self.family}/{self.path.stem}"
+        return f"{self.family}/{_stem(self.path)}"
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this installation holds it."""
+        return self.path.suffix != LEFT_OUT
+
+    @property
+    def where_it_is(self) -> str:
+        """What to do where it is not here."""
+        path = f"src/swarmchase/weights/{self.name}.safetensors"
+        return (
+            f"the weights {self.name} are not in this installation, which was made from a wheel: install from a clone "
+            f"with pip install -e . or give the clone's file as the controller: {path}"
+        )
 
     def steps_from(self, scenario: Scenario) -> float:
         """How far its setting is from a scenario's, in steps of the paper's grid."""
@@ -46,7 +62,7 @@ class ShippedWeights:
 
     def explanation(self, scenario: Scenario) -> str | None:
         """Why this one, where the scenario's setting is not its own."""
-        if self.path.stem == ALL_CHANNELS:
+        if _stem(self.path) == ALL_CHANNELS:
             return None
         asked = f"F = {scenario.sampling_hz:g} Hz, rho = {scenario.spatial_correlation:g}"
         if self.setting is None:
@@ -76,13 +92,13 @@ def setting_name(sampling_hz: float, spatial_correlation: float) -> str:
 def shipped_families() -> dict[str, list[ShippedWeights]]:
     """The trained controllers by the name of their family."""
     families: dict[str, list[ShippedWeights]] = {}
-    for path in sorted(WEIGHTS_FOLDER.glob("*/*.safetensors")):
-        setting = _FILE_NAME.fullmatch(path.stem)
+    for path in sorted(WEIGHTS_FOLDER.glob("*/*.safetensors*")):
+        setting = _FILE_NAME.fullmatch(_stem(path))
         family = path.parent.name
         if setting is not None:
             own = float(setting["sampling_hz"]), float(setting["spatial_correlation"])
             families.setdefault(family, []).append(ShippedWeights(family, own, path))
-        elif path.stem in (ALL_SETTINGS, ALL_CHANNELS):
+        elif _stem(path) in (ALL_SETTINGS, ALL_CHANNELS):
             families.setdefault(family, []).append(ShippedWeights(family, None, path))
     return families
 
@@ -103,6 +119,10 @@ def chosen_weights(name: str, scenario: Scenario) -> ShippedWeights | None:
         return round(weights.steps_from(scenario), 9), -sampling_hz, spatial_correlation
 
     return min(family, key=order)
+
+
+def _stem(path: Path) -> str:
+    return path.name.partition(".safetensors")[0]
 
 
 def _lies_in(value: float, bounds: tuple[float, float]) -> bool:

@@ -62,9 +62,9 @@ class Cell:
 
 
 def cells() -> list[Cell]:
-    """What is evaluated, the easy settings first."""
+    """What is evaluated, the easy settings first; of ``paper-a3c`` what this installation holds."""
     twelve = [(sampling_hz, rho) for rho in reversed(SPATIAL_CORRELATION) for sampling_hz in SAMPLING_HZ]
-    a3c = {one.setting for one in shipped_families().get("paper-a3c", [])}
+    a3c = {one.setting for one in shipped_families().get("paper-a3c", []) if one.is_here}
     return [
         Cell("oracle", *twelve[0]),
         *(Cell("paper", *setting) for setting in twelve),

@@ -10,7 +10,7 @@ import torch
 from ..batch.tensor_files import parsed_tensors, save_tensors
 from ..errors import InputError
 from ..ranges import MOST_SHOWN_CHARACTERS, shown
-from ..reading import read_bytes
+from ..reading import read_bytes, read_unpacked
 from .forms import FORMS
 from .protocol import Form, HearingNetworks
 
@@ -36,12 +36,13 @@ def save_weights(
 
 
 def read_weights(path: Path) -> bytes:
-    """The content of a weights file, whatever it is.
+    """The content of a weights file, whatever it is; a wheel holds its own packed (``.xz``).
 
     Raises:
         InputError: no such file, or longer than one can be.
     """
-    return read_bytes(path, "weights file", MOST_FILE_BYTES)
+    read = read_unpacked if path.suffix == ".xz" else read_bytes
+    return read(path, "weights file", MOST_FILE_BYTES)
 
 
 def load_weights(path: Path) -> tuple[HearingNetworks, dict[str, Any]]:

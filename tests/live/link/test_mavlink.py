@@ -905,7 +905,7 @@ def test_without_pymavlink_one_line_names_the_extra() -> None:
         "    print(error)\n"
         "import swarmchase.live.link.messages, swarmchase.live.link.protocol, swarmchase.live.link.keys\n"
     )
-    assert in_a_fresh_process(program) == "the MAVLink link needs pymavlink: pip install swarmchase[live]"
+    assert in_a_fresh_process(program) == "the MAVLink link needs pymavlink: pip install 'swarmchase[live]'"
 
 
 # docs/link.md is what strangers implement from: it must be the code's.

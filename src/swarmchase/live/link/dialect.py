@@ -8,6 +8,6 @@ from ...errors import InputError
 try:
     from pymavlink.dialects.v20 import common as mavlink
 except ImportError as error:
-    raise InputError("the MAVLink link needs pymavlink: pip install swarmchase[live]") from error
+    raise InputError("the MAVLink link needs pymavlink: pip install 'swarmchase[live]'") from error
 
 __all__ = ["mavlink"]
