@@ -36,6 +36,7 @@ class Tracker:
 
     def __init__(self, number, key, controller, place, level_dbm, sampling_hz):
         self.number, self.place, self.goal = number, place, None
+        self.moves_mps, self.valid_s, self.obeyed_ms = (0.0, 0.0, 0.0), 0.0, None
         self.level_dbm, self.sampling_hz = level_dbm, sampling_hz
         self.epoch, self.told_s = -1, -math.inf
         self.signed = self.heard = 0
@@ -61,6 +62,8 @@ class Tracker:
             if epoch >= self.epoch:
                 self.epoch, self.told_s = epoch, time.monotonic()
                 self.goal = (message.y, message.x, -message.z)
+                self.moves_mps, self.valid_s = (message.vy, message.vx, -message.vz), message.yaw
+                self.obeyed_ms = message.time_boot_ms
 
     def received(self):
         """The next message, of which pymavlink has checked the signature only."""
@@ -78,22 +81,25 @@ class Tracker:
 
     @property
     def follows(self):
-        """Whether a controller speaks."""
-        return time.monotonic() - self.told_s < HOLD_AFTER_S
+        """Whether a controller speaks, or has said that the way goes on without it."""
+        return time.monotonic() - self.told_s < max(HOLD_AFTER_S, self.valid_s)
 
     def fly(self):
-        """A step towards the goal, while a controller speaks."""
+        """A step towards the goal, which moves on for as long as the controller has said."""
         if not self.follows:
             return
-        left_m = math.dist(self.place, self.goal)
+        moved_s = min(time.monotonic() - self.told_s, self.valid_s)
+        goal = tuple(there + moved_s * speed for there, speed in zip(self.goal, self.moves_mps, strict=True))
+        left_m = math.dist(self.place, goal)
         share = min(1.0, SPEED_MPS * STEP_S / left_m) if left_m else 0.0
-        self.place = tuple(here + share * (there - here) for here, there in zip(self.place, self.goal, strict=True))
+        self.place = tuple(here + share * (there - here) for here, there in zip(self.place, goal, strict=True))
 
     def report(self):
         """What is heard, where it is, and whether it follows."""
         uptime_s = time.monotonic()
         levels = [self.level_dbm] * 50
-        data = [self.sampling_hz, len(levels), *[0.0] * 6, *levels]
+        obeyed = [0, 0, 0] if self.obeyed_ms is None else [1, *divmod(self.obeyed_ms, 65_536)]
+        data = [self.sampling_hz, len(levels), *obeyed, 0.0, 0.0, 0.0, *levels]
         east, north, up = self.place
         uptime_ms = int(1000 * uptime_s) % 2**32
         mode = 8 if self.follows else 16

@@ -21,7 +21,7 @@ from swarmchase import load_controller
 from swarmchase.live.clock import MonotonicClock
 from swarmchase.live.link.keys import new_keys, write_keys
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
-from swarmchase.live.link.messages import SetPoint, TrackerMode
+from swarmchase.live.link.messages import RssiWindow, SetPoint, TrackerMode
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.service import ControllerService
 from swarmchase.scenario import paper_scenario
@@ -132,6 +132,23 @@ def test_it_neither_takes_what_is_old_nor_is_silenced_by_a_forgery(monkeypatch: 
     with closing(Example(monkeypatch)) as example:
         assert not example.obeys(-3.0, 1.0)
         assert not example.obeys(61.0, 2.0)
+
+
+def test_on_its_way_it_goes_on_without_news_and_says_what_it_has_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(Example(monkeypatch)) as example:
+        assert example.obeys(0.0, 0.0)
+        example.tracker.report()
+        while not (heard := [one for one in example.link.receive() if isinstance(one, RssiWindow)]):
+            example.link.wait(0.05)
+        assert heard[-1].obeyed_ms == 1000
+        tracker, now_s = example.tracker, time.monotonic()
+        for told_s, valid_s, east_m in ((0.2, 1.5, 0.4), (1.2, 1.5, 2.4), (1.7, 1.5, None), (0.9, 0.2, 0.4)):
+            tracker.goal, tracker.place, tracker.moves_mps = (0.0, 0.0, 20.0), (0.0, 0.0, 20.0), (2.0, 0.0, 0.0)
+            tracker.told_s, tracker.valid_s = now_s - told_s, valid_s
+            monkeypatch.setattr(time, "monotonic", lambda: now_s)
+            tracker.fly()
+            # It flies half a metre in a step, and no further than to where that place has moved.
+            assert tracker.place[0] == pytest.approx(0.0 if east_m is None else min(east_m, 0.5))
 
 
 def test_it_uses_nothing_of_the_package() -> None:

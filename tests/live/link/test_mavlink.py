@@ -24,6 +24,7 @@ from swarmchase.errors import InputError
 from swarmchase.live.link.messages import (
     LONGEST_NOTICE,
     MOST_NOTICES,
+    FeedForward,
     Health,
     Heartbeat,
     Message,
@@ -167,7 +168,8 @@ def whole(bound: int, unit: int = 1) -> st.SearchStrategy[int]:
 
 TRACKERS = st.integers(0, 5)
 LEVELS = st.lists(float32(-200, 50) | st.just(math.nan), min_size=1, max_size=50).map(tuple)
-WINDOWS = st.tuples(TRACKERS, whole(2**63 // 1000, 1000), float32(0.125, 10_000), LEVELS)
+OBEYED_MS = st.none() | st.integers(0, 2**32 - 1)
+WINDOWS = st.tuples(TRACKERS, whole(2**63 // 1000, 1000), float32(0.125, 10_000), LEVELS, OBEYED_MS)
 POSITIONS = st.tuples(TRACKERS, whole(2**32, 10**6), vectors(100_000), vectors(200))
 VEHICLES = st.builds(VehicleState, st.booleans(), st.sampled_from([None, False, True]), st.booleans())
 HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode), VEHICLES)
@@ -178,7 +180,10 @@ HEALTHS = st.tuples(
     *(st.none() | st.integers(0, most) for most in (100, 8, 254)),
     st.none() | st.integers(0, 35_999).map(lambda number: number / 100),
 )
-SET_POINTS = st.tuples(TRACKERS, whole(2**63 // 10**6, 10**6), whole(2**32), vectors(100_000))
+FEED_FORWARDS = st.builds(FeedForward, vectors(200), float32(0, 2), float32(0.125, 100))
+SET_POINTS = st.tuples(
+    TRACKERS, whole(2**63 // 10**6, 10**6), whole(2**32), vectors(100_000), st.none() | FEED_FORWARDS
+)
 
 
 @pytest.mark.parametrize(
@@ -912,12 +917,12 @@ def test_without_pymavlink_one_line_names_the_extra() -> None:
 
 DOCS_KEY = bytes(range(32))
 DOCS_EXAMPLES: dict[str, Message] = {
-    "RssiWindow": RssiWindow(0, 7_000_000_000, 10.0, (-61.5, -60.25)),
+    "RssiWindow": RssiWindow(0, 7_000_000_000, 10.0, (-61.5, -60.25), 70_000),
     "PositionReport": PositionReport(0, 7_000_000_000, (1.5, -2.0, 30.25), (0.5, 0.25, -1.0)),
     "Heartbeat": Heartbeat(0, 7_000_000_000, TrackerMode.FOLLOWING, FLYING),
     "Notice": Notice(0, 3, Severity.WARNING, "PreArm: Compass not calibrated"),
     "Health": Health(0, 87, 3, 14, 271.5),
-    "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0)),
+    "SetPoint": SetPoint(0, 7_000_000_000, 3_000_000_001, (10.0, -20.5, 40.0), FeedForward((6.0, 8.0, -0.5), 1.5, 4.0)),
 }
 
 

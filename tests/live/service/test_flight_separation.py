@@ -1,20 +1,38 @@
-"""Vehicles that fly behind one another: how near they may come, whoever of them stops."""
+"""Vehicles that fly behind one another: how near they may come, whoever of them stops or hears nothing."""
+
+import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from swarmchase.live.link.messages import FeedForward, Metres, SetPoint
 from swarmchase.live.service.flight_separation import (
+    AHEAD_S,
     HARDEST_BRAKING_MPS2,
+    KEPT_S,
     Braking,
+    Onward,
+    Orders,
     Seen,
+    Told,
     blocked,
     least_apart_m,
-    may_become,
+    longest_free,
 )
-from swarmchase.live.service.separation import Traffic
+from swarmchase.live.service.separation import STRAYING_M, Traffic
+from swarmchase.live.tracker.vehicles.simulated import SimulatedVehicle, VehicleLimits
 
 BRAKING = Braking(nominal_mps2=4.0, most_mps2=5.0)
 NOWHERE = np.full((6, 3), np.nan)
+NOBODY_TOLD = Told().older(0, [None] * 6)
+
+
+def resting(set_point_m: np.ndarray) -> Orders:
+    """One set of set-points that do not move on."""
+    zeros = np.zeros((1, 6))
+    return Orders(set_point_m[None], np.zeros((1, 6, 3)), zeros, zeros)
 
 
 def on_a_line(
@@ -32,7 +50,7 @@ def on_a_line(
     set_point_m[np.isnan(set_point_m[:, 0])] = np.nan
     stops_m[0], instead[0] = (stop_m, 0, 0), (instead_m, 0, 0)
     seen = Seen(Traffic(position_m, velocity_mps, stops_m, instead), np.full(6, age_s))
-    least_m = least_apart_m(seen, set_point_m[None], BRAKING)[0]
+    least_m = least_apart_m(seen, resting(set_point_m), NOBODY_TOLD, BRAKING, math.inf)[0]
     # Of the others nothing is known.
     assert np.isinf(least_m[1:]).all()
     return float(least_m[0])
@@ -85,7 +103,7 @@ def test_set_points_go_on_where_none_is_too_near_or_at_least_not_nearer(
     far_m = np.full(15, np.inf)
     before, after = far_m.copy(), far_m.copy()
     before[3], after[3] = before_m, after_m
-    assert may_become(before, after, separation_m=1.0) is allowed
+    assert (longest_free(before, after[None], separation_m=1.0) is not None) is allowed
 
 
 def test_both_of_a_pair_are_blocked() -> None:
@@ -93,3 +111,107 @@ def test_both_of_a_pair_are_blocked() -> None:
     least_m[5] = 0.5  # trackers 1 and 2, after the five pairs of tracker 0
     assert np.flatnonzero(blocked(least_m, 0.8)).tolist() == [1, 2]
     assert not blocked(least_m, 0.5).any()
+
+
+def test_who_would_come_too_near_without_news_is_sent_on_for_shorter_and_the_others_are_not() -> None:
+    """Sets that are valid for shorter and shorter: trackers 0 and 1 may be sent the third, 1 and 2 the second."""
+    after_m = np.full((4, 15), np.inf)
+    after_m[:2, 0], after_m[0, 5] = 0.5, 0.5
+    chosen = longest_free(np.full(15, np.inf), after_m, separation_m=1.0)
+    assert chosen is not None
+    assert chosen.tolist() == [2, 2, 1, 0, 0, 0]
+    # One that is free is not, where a shorter one is not.
+    after_m[3, 0] = 0.5
+    assert longest_free(np.full(15, np.inf), after_m, separation_m=1.0) is None
+
+
+def test_what_may_not_have_been_heard_is_what_was_sent_since_the_tracker_last_obeyed() -> None:
+    told, second_ns = Told(), 10**9
+    for step in range(101):
+        told.note(
+            step * second_ns // 20,
+            np.full((6, 3), float(step)),
+            Onward(np.array([step, 0.0, 0.0]), np.full(6, 1.5), BRAKING),
+        )
+    now_ns = 5 * second_ns
+    older = told.older(now_ns, [now_ns, now_ns - second_ns * 6 // 10, None, 0, None, None])
+    assert older.rest_m[:, 0, 0].tolist() == [100, 100, 100]
+    assert older.rest_m[:, 1, 0].tolist() == [88, 92, 96]
+    assert older.velocity_mps[:, 1, 0].tolist() == [88, 92, 96]
+    assert older.since_s[:, 1] == pytest.approx([0.6, 0.4, 0.2])
+    # Of who says nothing, or has long been silent, it is no longer than anybody obeys.
+    for tracker in (2, 3):
+        assert older.since_s[:, tracker] == pytest.approx([KEPT_S, 2 / 3 * KEPT_S, KEPT_S / 3], abs=0.05)
+
+
+SPEEDS = st.tuples(*[st.floats(-7.0, 7.0)] * 2, st.floats(-3.0, 3.0))
+CHANGES = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+VALID_S = st.sampled_from([0.0, 0.2, 0.5, 1.0, 2.0])
+BEHAVIOURS = st.tuples(st.integers(0, 3), st.one_of(st.none(), st.floats(0.0, 3.0)))
+"""Which order is the last that it has heard, and when a pilot or a failsafe stops it."""
+
+
+@settings(max_examples=40)
+@given(
+    flown_mps=SPEEDS,
+    between_m=st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-4.0, 4.0)),
+    older_s=st.floats(0.1, 2.0),
+    changes=st.tuples(CHANGES, CHANGES, CHANGES),
+    valid_s=st.tuples(VALID_S, VALID_S, VALID_S, VALID_S),
+    behaviours=st.tuples(BEHAVIOURS, BEHAVIOURS),
+)
+def test_no_two_come_nearer_than_that_whatever_each_has_heard_and_whenever_it_stops(
+    flown_mps: Metres,
+    between_m: Metres,
+    older_s: float,
+    changes: tuple[Metres, ...],
+    valid_s: tuple[float, ...],
+    behaviours: tuple[tuple[int, float | None], ...],
+) -> None:
+    """Two real vehicles of a formation that turns as hard as it can, any way. Since the oldest order they have flown
+    straight on; now each obeys the one that it has heard last, of four.
+    """
+    starts_m, velocity, between_s = np.array([[0.0, 0.0, 0.0], between_m]), np.array(flown_mps), older_s / 3
+    orders = Orders(np.full((4, 6, 3), np.nan), np.zeros((4, 6, 3)), np.zeros((4, 6)), np.zeros((4, 6)))
+    center_m, moves_mps = -older_s * velocity, velocity
+    for number, seconds in enumerate(valid_s):
+        orders.rest_m[number, :2] = starts_m + center_m + BRAKING.rest_m(moves_mps)
+        orders.velocity_mps[number, :2], orders.valid_s[number, :2] = moves_mps, seconds
+        orders.since_s[number] = (3 - number) * between_s
+        center_m = center_m + moves_mps * between_s
+        turned = np.array(changes[min(number, 2)])
+        moves_mps = moves_mps + BRAKING.most_mps2 * between_s * turned / max(float(np.linalg.norm(turned)), 1.0)
+    position_m, seen_mps = NOWHERE.copy(), np.zeros((6, 3))
+    position_m[:2], seen_mps[:2] = starts_m, velocity
+    seen = Seen(Traffic(position_m, seen_mps, NOWHERE, NOWHERE), np.zeros(6))
+    older = Orders(*(one[:3] for one in (orders.rest_m, orders.velocity_mps, orders.valid_s, orders.since_s)))
+    promised_m = float(least_apart_m(seen, orders.only(3), older, BRAKING, math.inf)[0, 0])
+    ways_m = []
+    for tracker, (heard, stops_s) in enumerate(behaviours):
+        moves: Metres = tuple(orders.velocity_mps[heard, tracker].tolist())
+        rest_m: Metres = tuple(orders.rest_m[heard, tracker].tolist())
+        obeyed = SetPoint(tracker, 0, 0, rest_m, FeedForward(moves, valid_s[heard], BRAKING.nominal_mps2))
+        since_s = float(orders.since_s[heard, tracker])
+        ways_m.append(flown_way_m(tuple(starts_m[tracker].tolist()), flown_mps, obeyed, since_s, stops_s))
+    truly_m = min(math.dist(one_m, other_m) for one_m, other_m in zip(*ways_m, strict=True))
+    assert truly_m >= promised_m - STRAYING_M
+
+
+def flown_way_m(
+    start_m: Metres, velocity_mps: Metres, obeyed: SetPoint, since_s: float, stops_s: float | None
+) -> list[Metres]:
+    """Of a vehicle that obeys nothing else, and is stopped as hard as any is."""
+    vehicle = SimulatedVehicle(start_m, VehicleLimits(12.0, BRAKING.most_mps2))
+    vehicle._velocity_mps = velocity_mps
+    way_m, step_s = [start_m], 0.05
+    vehicle.update(0)
+    for step in range(round(AHEAD_S / step_s)):
+        now_s = step * step_s
+        if stops_s is not None and now_s >= stops_s:
+            vehicle._limits = VehicleLimits(12.0, HARDEST_BRAKING_MPS2)
+            vehicle.hold()
+        else:
+            vehicle.go_to(obeyed.rest_m(now_s + since_s))
+        vehicle.update(round((now_s + step_s) * 1e9))
+        way_m.append(vehicle.position_m)
+    return way_m

@@ -16,6 +16,7 @@ from swarmchase.errors import InputError
 from swarmchase.live.clock import VirtualClock
 from swarmchase.live.link.mavlink import TrackerMavlinkLink
 from swarmchase.live.link.messages import (
+    FeedForward,
     Heartbeat,
     Message,
     Metres,
@@ -119,6 +120,13 @@ class Situation:
         """A set-point at (place, 0, 0), sent at ``sent_s`` by the clock of ``now_s``, and one step."""
         time_ns = round((START_S + CONTROLLER_AHEAD_S + (self.now_s if sent_s is None else sent_s)) * 1e9)
         self.link.waiting.append(SetPoint(tracker, time_ns, epoch, (place, 0.0, 0.0)))
+        self.agent.step()
+
+    def hear_on_the_way(self, place: float, speed_mps: float, valid_s: float, sent_s: float | None = None) -> None:
+        """A set-point at (place, 0, 0) that moves on eastwards, and one step."""
+        time_ns = round((START_S + CONTROLLER_AHEAD_S + (self.now_s if sent_s is None else sent_s)) * 1e9)
+        feed_forward = FeedForward((speed_mps, 0.0, 0.0), valid_s, 4.0)
+        self.link.waiting.append(SetPoint(TRACKER, time_ns, 1, (place, 0.0, 0.0), feed_forward))
         self.agent.step()
 
     def places(self) -> list[float | str]:
@@ -353,6 +361,68 @@ def test_the_last_word_is_the_same_in_any_order(order: list[int], repeats: list[
         situation.hear(float(number), sent_s=epoch * 77.0 + place * 0.01, epoch=epoch)
     assert situation.places()[-1] == 11
     assert situation.places() == sorted(set(situation.places()), key=float)
+
+
+# On its way
+
+
+def test_who_is_led_along_a_way_goes_on_through_a_gap_and_brakes_when_that_is_no_longer_well() -> None:
+    situation = Situation()
+    situation.go_on(1)
+    situation.hear_on_the_way(20.0, speed_mps=8.0, valid_s=1.5)
+    assert situation.places() == [20.0]
+    situation.go_on(2.5)
+    led_m = [min(20.0 + 8.0 * 0.05 * step, 32.0) for step in range(30)]
+    *places, last = situation.places()
+    assert (places, last) == (pytest.approx(led_m, abs=0.01), "hold")
+
+
+def test_a_gap_that_ends_leaves_no_trace() -> None:
+    """What was sent .3 s ago is taken as it is meant now."""
+    situation = Situation()
+    situation.hear_on_the_way(20.0, speed_mps=8.0, valid_s=1.5)
+    situation.go_on(0.3)
+    before = situation.places()[-1]
+    situation.hear_on_the_way(20.8, speed_mps=8.0, valid_s=1.5, sent_s=situation.now_s - 0.2)
+    assert before == pytest.approx(22.4, abs=0.01)
+    assert situation.places()[-1] == pytest.approx(22.4, abs=0.01)
+    # And where it is to rest it is told so once.
+    situation.hear(30.0)
+    situation.go_on(0.5)
+    assert situation.places()[-1] == 30.0
+    assert situation.places().count(30.0) == 1
+
+
+def test_a_short_way_on_does_not_shorten_the_time_until_it_holds() -> None:
+    situation = Situation()
+    situation.hear_on_the_way(20.0, speed_mps=8.0, valid_s=0.2)
+    situation.go_on(0.95)
+    assert situation.places()[-1] == pytest.approx(21.6, abs=0.01)
+    situation.go_on(0.05)
+    assert situation.places()[-1] == "hold"
+
+
+def test_whom_a_pilot_takes_is_not_led_on() -> None:
+    situation = Situation()
+    situation.hear_on_the_way(20.0, speed_mps=8.0, valid_s=1.5)
+    situation.fake.mode = MANUAL
+    situation.go_on(1.0)
+    assert situation.places() == [20.0]
+    situation.fake.mode = HOLDING
+    situation.go_on(0.3)
+    assert situation.places() == [20.0]
+
+
+def test_it_says_which_set_point_it_has_obeyed_last() -> None:
+    situation = Situation()
+    situation.agent.step()
+    assert [message.obeyed_ms for message in situation.sent(RssiWindow) if isinstance(message, RssiWindow)] == [None]
+    situation.hear(10.0, sent_s=0.0)
+    situation.hear(10.0, epoch=0)  # an older controller's, which it does not obey
+    situation.go_on(0.2)
+    window = situation.sent(RssiWindow)[-1]
+    assert isinstance(window, RssiWindow)
+    assert window.obeyed_ms == round((START_S + CONTROLLER_AHEAD_S) * 1e3) % 2**32
 
 
 # What it says of its vehicle

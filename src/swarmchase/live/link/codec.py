@@ -10,6 +10,8 @@ from typing import Any
 from ...errors import InputError
 from .dialect import mavlink
 from .messages import (
+    SPAN_MS,
+    FeedForward,
     Health,
     Heartbeat,
     Message,
@@ -31,19 +33,23 @@ TRACKER_COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 
 RSSI_NAME, RSSI_LAYOUT = b"rssi_dbm", 1
 """``name`` and ``array_id`` of the RSSI windows; a new layout gets a new number."""
-RSSI_FIRST_SAMPLE = 8
-"""In ``data``: 0 is the sampling rate, 1 the number of samples, 2 to 7 are kept for later, then come the samples."""
+RSSI_OBEYED, RSSI_FIRST_SAMPLE = 2, 8
+"""In ``data``: 0 is the sampling rate, 1 the number of samples, 2 to 4 say what was obeyed, 5 to 7 are kept for later,
+then come the samples."""
 RSSI_FLOATS = 58
 
-POSITION_ONLY = (
-    mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
-    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
-    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
-    | mavlink.POSITION_TARGET_TYPEMASK_AX_IGNORE
+POSITION_AND_VELOCITY = (
+    mavlink.POSITION_TARGET_TYPEMASK_AX_IGNORE
     | mavlink.POSITION_TARGET_TYPEMASK_AY_IGNORE
     | mavlink.POSITION_TARGET_TYPEMASK_AZ_IGNORE
     | mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
     | mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+)
+POSITION_ONLY = (
+    POSITION_AND_VELOCITY
+    | mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
 )
 MODE_FLAGS = {
     TrackerMode.HOLDING: mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED,
@@ -87,12 +93,10 @@ _HEALTH_UNUSED = (
 )
 """Fields of its message that are sent as 0 and not read."""
 
-_SPAN_MS = 4_294_967_296
-"""MAVLink's ``time_boot_ms`` has 32 bits and starts anew after so much, 49.7 days."""
 _MOST_SPANS = 65_536
 """More than any time of messages.py has."""
-_HALF_EPOCH = 65_536
-"""A float32 holds whole numbers of up to 24 bits exactly: the epoch's 32 bits go in two halves."""
+_HALF = 65_536
+"""A float32 holds whole numbers of up to 24 bits exactly: 32 bits go in two halves."""
 
 
 def system_of(tracker: int) -> int:
@@ -183,8 +187,8 @@ class ReportDecoder:
 
     def _time_ns(self, tracker: int, time_boot_ms: int) -> int:
         latest_ms = self._latest_ms.get(tracker, 0)
-        nearest_ms = latest_ms + (time_boot_ms - latest_ms + _SPAN_MS // 2) % _SPAN_MS - _SPAN_MS // 2
-        return (nearest_ms if nearest_ms >= 0 else nearest_ms + _SPAN_MS) * 10**6
+        nearest_ms = latest_ms + (time_boot_ms - latest_ms + SPAN_MS // 2) % SPAN_MS - SPAN_MS // 2
+        return (nearest_ms if nearest_ms >= 0 else nearest_ms + SPAN_MS) * 10**6
 
 
 class SetPointDecoder:
@@ -202,13 +206,14 @@ class SetPointDecoder:
             fields.target_system != system_of(tracker)
             or fields.target_component != TRACKER_COMPONENT
             or fields.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED
-            or fields.type_mask != POSITION_ONLY
+            or fields.type_mask not in {POSITION_ONLY, POSITION_AND_VELOCITY}
         ):
             raise RejectedError(Reason.WRONG_LAYOUT)
-        time_ms = _whole(fields.afz, _MOST_SPANS) * _SPAN_MS + fields.time_boot_ms
-        epoch = _whole(fields.afx, _HALF_EPOCH) * _HALF_EPOCH + _whole(fields.afy, _HALF_EPOCH)
+        time_ms = _whole(fields.afz, _MOST_SPANS) * SPAN_MS + fields.time_boot_ms
+        epoch = _whole(fields.afx, _HALF) * _HALF + _whole(fields.afy, _HALF)
         try:
-            return SetPoint(tracker, time_ms * 10**6, epoch, _swap_axes((fields.x, fields.y, fields.z)))
+            position_m, feed_forward = _swap_axes((fields.x, fields.y, fields.z)), _feed_forward(fields)
+            return SetPoint(tracker, time_ms * 10**6, epoch, position_m, feed_forward)
         except InputError as error:
             raise RejectedError(Reason.REFUSED_VALUE) from error
 
@@ -241,6 +246,9 @@ def _notice_from_mavlink(tracker: int, fields: Any) -> Notice:
 def _rssi_to_mavlink(window: RssiWindow) -> Any:
     data = [0.0] * RSSI_FLOATS
     data[0], data[1] = window.sampling_hz, float(len(window.rssi_dbm))
+    if window.obeyed_ms is not None:
+        halves = divmod(window.obeyed_ms, _HALF)
+        data[RSSI_OBEYED : RSSI_OBEYED + 3] = 1.0, *map(float, halves)
     data[RSSI_FIRST_SAMPLE : RSSI_FIRST_SAMPLE + len(window.rssi_dbm)] = window.rssi_dbm
     return mavlink.MAVLink_debug_float_array_message(window.time_ns // 1000, RSSI_NAME, RSSI_LAYOUT, data)
 
@@ -250,7 +258,9 @@ def _rssi_from_mavlink(tracker: int, fields: Any) -> RssiWindow:
         raise RejectedError(Reason.WRONG_LAYOUT)
     num_samples = _whole(fields.data[1], RSSI_FLOATS - RSSI_FIRST_SAMPLE + 1)
     samples_dbm = tuple(fields.data[RSSI_FIRST_SAMPLE : RSSI_FIRST_SAMPLE + num_samples])
-    return RssiWindow(tracker, fields.time_usec * 1000, fields.data[0], samples_dbm)
+    says, upper, lower = (_whole(number, _HALF) for number in fields.data[RSSI_OBEYED : RSSI_OBEYED + 3])
+    obeyed_ms = upper * _HALF + lower if says else None
+    return RssiWindow(tracker, fields.time_usec * 1000, fields.data[0], samples_dbm, obeyed_ms)
 
 
 def _health_to_mavlink(health: Health) -> Any:
@@ -283,24 +293,32 @@ def _byte(number: int | None) -> int:
 
 
 def _set_point_to_mavlink(point: SetPoint) -> Any:
-    """The type mask tells every reader to ignore velocity, acceleration and yaw; the acceleration's place holds what
-    MAVLink has no place for. So epoch and position are in one packet, under one signature."""
+    """The type mask tells every reader to ignore acceleration and yaw; their places hold what MAVLink has no place for.
+    So epoch, position and how it goes on are in one packet, under one signature."""
+    onward = point.feed_forward
+    north_mps, east_mps, down_mps = (0.0, 0.0, 0.0) if onward is None else _swap_axes(onward.velocity_mps)
     return mavlink.MAVLink_set_position_target_local_ned_message(
         _time_boot_ms(point.time_ns),
         system_of(point.tracker),
         TRACKER_COMPONENT,
         mavlink.MAV_FRAME_LOCAL_NED,
-        POSITION_ONLY,
+        POSITION_ONLY if onward is None else POSITION_AND_VELOCITY,
         *_swap_axes(point.position_m),
-        vx=0.0,
-        vy=0.0,
-        vz=0.0,
-        afx=float(point.epoch // _HALF_EPOCH),
-        afy=float(point.epoch % _HALF_EPOCH),
-        afz=float(point.time_ns // 10**6 // _SPAN_MS),
-        yaw=0.0,
-        yaw_rate=0.0,
+        vx=north_mps,
+        vy=east_mps,
+        vz=down_mps,
+        afx=float(point.epoch // _HALF),
+        afy=float(point.epoch % _HALF),
+        afz=float(point.time_ns // 10**6 // SPAN_MS),
+        yaw=0.0 if onward is None else onward.valid_s,
+        yaw_rate=0.0 if onward is None else onward.braking_mps2,
     )
+
+
+def _feed_forward(fields: Any) -> FeedForward | None:
+    if fields.type_mask == POSITION_ONLY:
+        return None
+    return FeedForward(_swap_axes((fields.vx, fields.vy, fields.vz)), fields.yaw, fields.yaw_rate)
 
 
 def _swap_axes(vector: Metres) -> Metres:
@@ -309,7 +327,7 @@ def _swap_axes(vector: Metres) -> Metres:
 
 
 def _time_boot_ms(time_ns: int) -> int:
-    return time_ns // 10**6 % _SPAN_MS
+    return time_ns // 10**6 % SPAN_MS
 
 
 def _whole(number: float, bound: int) -> int:

@@ -16,6 +16,11 @@ MOST_SAMPLES = 50
 FARTHEST_M = 100_000.0
 """No tracker is further from the origin than this on any axis."""
 FASTEST_MPS = 200.0
+LONGEST_FEED_FORWARD_S = 2.0
+"""No tracker is sent on for longer without hearing anything."""
+HARDEST_MPS2 = 100.0
+SPAN_MS = 2**32
+"""Milliseconds of 32 bits start anew after so many, 49.7 days."""
 LONGEST_NOTICE = 49
 """Characters: MAVLink has room for 50, and with one to spare a reader knows that nothing follows."""
 MOST_NOTICES = 65_535
@@ -50,6 +55,9 @@ class RssiWindow:
     rssi_dbm: tuple[float, ...]
     """As reported, NaN where nothing was. What is no level (``swarmchase.levels``) is dropped by whoever takes it in;
     the rest of the window counts."""
+    obeyed_ms: int | None = None
+    """When the newest set-point that the tracker has obeyed was sent: the lowest 32 bits of the controller's
+    milliseconds. None before the first."""
 
     def __post_init__(self) -> None:
         _require_tracker(self.tracker)
@@ -58,6 +66,8 @@ class RssiWindow:
             raise InputError(f"sampling_hz = {self.sampling_hz} is refused")
         if not 1 <= len(self.rssi_dbm) <= MOST_SAMPLES:
             raise InputError(f"{len(self.rssi_dbm)} samples are refused: allowed is 1 to {MOST_SAMPLES}")
+        if not (self.obeyed_ms is None or 0 <= self.obeyed_ms < SPAN_MS):
+            raise InputError(f"obeyed_ms = {self.obeyed_ms} is refused")
 
 
 @dataclass(frozen=True)
@@ -182,6 +192,28 @@ def printable(text: str) -> str:
 
 
 @dataclass(frozen=True)
+class FeedForward:
+    """How the place to rest at moves on, for a tracker that is led along a way: with this velocity for so long after
+    the set-point was sent, whether the tracker hears another one or not.
+
+    Raises:
+        InputError: a velocity, time or braking that cannot be.
+    """
+
+    velocity_mps: Metres
+    valid_s: float
+    braking_mps2: float
+    """So hard it is to brake before that place: nearer to it it is slower."""
+
+    def __post_init__(self) -> None:
+        _require_within("velocity_mps", self.velocity_mps, FASTEST_MPS)
+        if not 0 <= self.valid_s <= LONGEST_FEED_FORWARD_S:
+            raise InputError(f"valid_s = {self.valid_s} is refused: allowed is 0 to {LONGEST_FEED_FORWARD_S:g}")
+        if not 0 < self.braking_mps2 <= HARDEST_MPS2:
+            raise InputError(f"braking_mps2 = {self.braking_mps2} is refused: allowed is above 0 to {HARDEST_MPS2:g}")
+
+
+@dataclass(frozen=True)
 class SetPoint:
     """Where a tracker is to be. Set-points are the controller's proof of life: they are repeated all the time, and a
     tracker that has heard none for a while holds.
@@ -195,6 +227,9 @@ class SetPoint:
     epoch: int
     """Of the controller that says so; trackers obey the newest they have heard of."""
     position_m: Metres
+    """Where it is to come to rest."""
+    feed_forward: FeedForward | None = None
+    """How that place moves on; None: it does not."""
 
     def __post_init__(self) -> None:
         _require_tracker(self.tracker)
@@ -202,6 +237,21 @@ class SetPoint:
         if not 0 <= self.epoch < 2**32:
             raise InputError(f"epoch = {self.epoch} is refused")
         _require_within("position_m", self.position_m, FARTHEST_M)
+
+    def moves_on(self, age_s: float) -> bool:
+        """Whether it does so long after this was sent, if nothing was heard since."""
+        return self.feed_forward is not None and age_s < self.feed_forward.valid_s
+
+    def rest_m(self, age_s: float) -> Metres:
+        """Where it is to come to rest, so long after this was sent."""
+        if self.feed_forward is None:
+            return self.position_m
+        seconds = min(max(age_s, 0.0), self.feed_forward.valid_s)
+        east_m, north_m, up_m = (
+            place_m + speed_mps * seconds
+            for place_m, speed_mps in zip(self.position_m, self.feed_forward.velocity_mps, strict=True)
+        )
+        return east_m, north_m, up_m
 
 
 Report = RssiWindow | PositionReport | Heartbeat | Notice | Health

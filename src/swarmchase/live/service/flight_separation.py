@@ -1,25 +1,34 @@
-"""Whether vehicles that fly keep apart, whoever of them stops: what ``ListenInFlight`` asks before it lets set-points
-out.
+"""Whether vehicles that fly keep apart, whoever of them stops or hears nothing: what ``ListenInFlight`` asks before it
+lets set-points out.
 
 Vehicles that fly in formation follow one another more closely than they can stop in, so their ways as a whole, which
-``separation`` compares, always cross. But none is on all of its way at once: at every moment from now on it is between
-where it gets if it brakes as hard as anything does, at any moment since it was last seen, and where it gets if it flies
-on to its set-point and rests there. These pieces, moment by moment, must not come nearer to one another than the least
-separation: then vehicles that hear nothing more, or are stopped by a pilot or a failsafe, keep apart by themselves.
+``separation`` compares, always cross. But none is on all of its way at once. A set-point says where its tracker comes
+to rest if it brakes, and for how long that place moves on before it has to (``Onward``). So at every moment from now on
+a vehicle is between
+
+- where it gets if it brakes as hard as anything does, at any moment since it was last seen;
+- where it gets if it obeys the set-point that is sent now, for as long as that is valid, and rests where it ends;
+- where it gets if it has heard nothing since any older set-point, and obeys that for as long as it is valid.
+
+These pieces, moment by moment, must not come nearer to one another than the least separation: then vehicles that hear
+nothing more, or are stopped by a pilot or a failsafe, keep apart by themselves.
 """
 
+import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ...scenario import NUM_TRACKERS
-from .sample_window import Flags, Levels, Points
+from .formation_estimate import TrackerNumbers
+from .sample_window import Flags, Levels, Point, Points
 from .separation import ROUNDING_M, Traffic, segments_apart_m
 
 HARDEST_BRAKING_MPS2 = 6.0
 """No vehicle comes to rest in less than v^2 / 2 of this: a copter that leans by 30 degrees, with drag."""
-AHEAD_S, MOMENT_S = 3.4, 0.2
+AHEAD_S, MOMENT_S = 5.4, 0.2
 """So far ahead, and in such steps, vehicles are followed; then they rest or creep."""
 STOPS_AFTER_S = (0.0, 0.4, 1.0, 2.0)
 """Since each was last seen: when it may begin to brake, besides never."""
@@ -27,6 +36,13 @@ GAIN_HZ = 2.0
 """Nearer to its set-point than it flies in 1 / this a vehicle slows down evenly."""
 PLACES_AGE_S = 1.0
 """What is older than this is lost."""
+
+LONGEST_VALID_S = 2.0
+"""No set-point is valid for longer."""
+UNHEARD_SHARES = (1.0, 2 / 3, 1 / 3)
+"""Of the time since a vehicle is known to have obeyed: set-points so old are perhaps the last that it has heard."""
+KEPT_S = 3.0
+"""What was sent longer ago nobody obeys any more: then trackers miss the controller (``AgentSettings``) and brake."""
 
 _ONE, _OTHER = np.triu_indices(NUM_TRACKERS, 1)
 _NUM_MOMENTS = round(AHEAD_S / MOMENT_S) + 1
@@ -48,6 +64,99 @@ class Braking:
 
 
 @dataclass(frozen=True, eq=False)
+class Onward:
+    """How those that fly go on from their set-points, which are where they come to rest if they brake now."""
+
+    velocity_mps: Point
+    """Of all."""
+    valid_s: Levels
+    """For so long their set-points move on, though they hear nothing more [tracker]; 0: they do not."""
+    braking: Braking
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Sets of set-points to fly by, each of all vehicles."""
+
+    rest_m: Points
+    """Where they come to rest if they brake when they are told [set, tracker, 3]; NaN for those that are not."""
+    velocity_mps: Points
+    """With which these places move on [set, tracker, 3],"""
+    valid_s: Levels
+    """for so long [set, tracker],"""
+    since_s: Levels
+    """and so long ago they were sent [set, tracker]."""
+
+    def rest_at_m(self, after_s: Levels) -> Points:
+        """Where these places are so long from now [tracker]."""
+        moved_s = np.clip(after_s + self.since_s, 0.0, self.valid_s)
+        return np.asarray(self.rest_m + self.velocity_mps * moved_s[..., None])
+
+    def only(self, number: int) -> "Orders":
+        """One of these sets."""
+        sets = (self.rest_m, self.velocity_mps, self.valid_s, self.since_s)
+        return Orders(*(one[number : number + 1] for one in sets))
+
+    def joined(self, other: "Orders") -> "Orders":
+        """These sets, then the others."""
+        return Orders(
+            np.concatenate([self.rest_m, other.rest_m]),
+            np.concatenate([self.velocity_mps, other.velocity_mps]),
+            np.concatenate([self.valid_s, other.valid_s]),
+            np.concatenate([self.since_s, other.since_s]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sent:
+    time_ns: int
+    rest_m: Points
+    onward: Onward | None
+
+
+class Told:
+    """What was sent of late."""
+
+    def __init__(self) -> None:
+        self._sent: list[_Sent] = []
+
+    def note(self, now_ns: int, rest_m: Points, onward: Onward | None) -> None:
+        """It is sent now."""
+        self._sent.append(_Sent(now_ns, rest_m, onward))
+        while now_ns - self._sent[0].time_ns > KEPT_S * 1e9:
+            del self._sent[0]
+
+    def older(self, now_ns: int, obeyed_ns: Sequence[int | None]) -> Orders:
+        """What each may have heard last instead of what is sent now: some, evenly over what was sent since it was last
+        known to obey.
+
+        Args:
+            obeyed_ns: When that was sent, of each; None where it is not known.
+        """
+        shape = len(UNHEARD_SHARES), NUM_TRACKERS
+        rest_m, velocity_mps = np.full((*shape, 3), np.nan), np.zeros((*shape, 3))
+        valid_s, since_s = np.zeros(shape), np.zeros(shape)
+        for tracker, time_ns in enumerate(obeyed_ns):
+            longest_ns = KEPT_S * 1e9 if time_ns is None else min(now_ns - time_ns, KEPT_S * 1e9)
+            for number, share in enumerate(UNHEARD_SHARES):
+                sent = self._sent_before(now_ns - share * longest_ns)
+                if sent is not None:
+                    rest_m[number, tracker], since_s[number, tracker] = (
+                        sent.rest_m[tracker],
+                        (now_ns - sent.time_ns) / 1e9,
+                    )
+                    if sent.onward is not None:
+                        velocity_mps[number, tracker] = sent.onward.velocity_mps
+                        valid_s[number, tracker] = sent.onward.valid_s[tracker]
+        return Orders(rest_m, velocity_mps, valid_s, since_s)
+
+    def _sent_before(self, time_ns: float) -> "_Sent | None":
+        """The newest of what was sent up to this moment, or else the oldest that is known."""
+        number = bisect.bisect_right(self._sent, time_ns, key=lambda sent: sent.time_ns)
+        return self._sent[max(number - 1, 0)] if self._sent else None
+
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """What is known of the vehicles now. NaN where nothing is."""
 
@@ -56,32 +165,83 @@ class Seen:
     """Of what each said [tracker]."""
 
 
-def least_apart_m(seen: Seen, set_point_m: Points, braking: Braking) -> Levels:
-    """The least distance of each two vehicles from now on, whoever of them stops [set-points, pair]; infinite where one
-    is not known.
+def least_apart_m(seen: Seen, orders: Orders, older: Orders, braking: Braking, enough_m: float) -> Levels:
+    """The least distance of each two vehicles from now on, whoever of them stops or hears nothing [set, pair]; infinite
+    where one is not known.
 
     Args:
-        set_point_m: Several sets of them to compare [set-points, tracker, 3]; NaN for none.
+        orders: Sets to compare, of which one is to be sent now.
+        older: What was sent before and may be the last that was heard.
+        enough_m: Where it is more, the distance is not told exactly: some that is as much, and not above it.
     """
-    places_m = _places_m(seen, set_point_m, braking)
-    starts_m, ends_m = places_m[..., :-1, :], places_m[..., 1:, :]
-    num_pieces = starts_m.shape[-2]
-    one, other = (piece.ravel() for piece in np.indices((num_pieces, num_pieces)))
-    pieces = [
-        which[:, :, vehicle][..., piece, :].reshape(-1, 3)
-        for vehicle, piece in ((_ONE, one), (_OTHER, other))
-        for which in (starts_m, ends_m)
-    ]
-    apart_m = segments_apart_m(*pieces).reshape(len(set_point_m), _NUM_MOMENTS, len(_ONE), num_pieces**2)
-    least_m = np.where(np.isnan(apart_m), np.inf, apart_m).min(axis=(1, 3))
-    return np.asarray(np.minimum(least_m, _instead_apart_m(seen, places_m)))
+    places_m = _places_m(seen, orders, older, braking)
+    turned_m = places_m @ _along(seen.traffic.velocity_mps)
+    gap_m = _gap_m(turned_m.min(axis=3), turned_m.max(axis=3), _ONE, _OTHER)
+    least_m = np.where(np.isnan(gap_m), np.inf, gap_m)
+    sets, moments, pairs = np.nonzero(gap_m < enough_m)
+    one_m, other_m = turned_m[sets, moments, _ONE[pairs]], turned_m[sets, moments, _OTHER[pairs]]
+    least_m[sets, moments, pairs] = _lines_apart_m(one_m, other_m, enough_m)
+    return np.asarray(np.minimum(least_m.min(axis=1), _instead_apart_m(seen, places_m)))
 
 
-def may_become(before_m: Levels, after_m: Levels, separation_m: float) -> bool:
-    """Whether set-points may give way to others, by the least distances [pair] with each: none too near, or at least
-    not nearer than before.
+def _along(velocity_mps: Points) -> npt.NDArray[np.float64]:
+    """Axes of which the first is the way that most fly [xyz, axis]: boxes along it are narrow."""
+    known = velocity_mps[np.isfinite(velocity_mps).all(axis=1)]
+    way = known.mean(axis=0) if len(known) else np.zeros(3)
+    return np.asarray(np.linalg.qr(np.column_stack([way, np.eye(3)]))[0])
+
+
+def _gap_m(
+    low_m: npt.NDArray[np.float64], high_m: npt.NDArray[np.float64], one: TrackerNumbers, other: TrackerNumbers
+) -> npt.NDArray[np.float64]:
+    """Between each two boxes [..., box, 3], at most the distance of what is in them [..., pair]; NaN where one is not
+    known.
     """
-    return bool(((after_m >= separation_m) | (after_m >= before_m - ROUNDING_M)).all())
+    squared = []
+    # Axis by axis: it takes half the time.
+    for axis in range(3):
+        low, high = low_m[..., axis], high_m[..., axis]
+        beside_m = np.maximum(low[..., one] - high[..., other], low[..., other] - high[..., one])
+        squared.append(np.maximum(beside_m, 0.0) ** 2)
+    return np.asarray(np.sqrt(squared[0] + squared[1] + squared[2]))
+
+
+def _lines_apart_m(
+    one_m: npt.NDArray[np.float64], other_m: npt.NDArray[np.float64], enough_m: float
+) -> npt.NDArray[np.float64]:
+    """The least distance of each two lines of corners [line, corner, 3]; as ``least_apart_m`` has it."""
+    starts_m, ends_m = (
+        np.concatenate([one_m[:, part], other_m[:, part]], axis=1) for part in (slice(-1), slice(1, None))
+    )
+    num_pieces = one_m.shape[1] - 1
+    first, second = (piece.ravel() for piece in np.indices((num_pieces, num_pieces)))
+    second = second + num_pieces
+    apart_m = _gap_m(np.minimum(starts_m, ends_m), np.maximum(starts_m, ends_m), first, second)
+    lines, pieces = np.nonzero(apart_m < enough_m)
+    ends = [which[lines, piece[pieces]] for piece in (first, second) for which in (starts_m, ends_m)]
+    apart_m[lines, pieces] = segments_apart_m(*ends)
+    return np.asarray(apart_m.min(axis=1))
+
+
+def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> TrackerNumbers | None:
+    """Of set-points that are valid for shorter and shorter, the number of the first set that each vehicle may be sent
+    [tracker]; None where not even the last may be.
+
+    Sent they may be where none comes too near, or at least not nearer than before.
+
+    Args:
+        before_m: The least distances with the set-points of before [pair],
+        after_m: and with each set [set, pair].
+    """
+    is_free = (after_m >= separation_m) | (after_m >= before_m - ROUNDING_M)
+    # Who is sent a shorter one than the other of a pair gets no further than with that of the other.
+    is_free = np.logical_and.accumulate(is_free[::-1])[::-1]
+    if not is_free[-1].all():
+        return None
+    first = np.zeros(NUM_TRACKERS, dtype=np.int64)
+    for vehicle in (_ONE, _OTHER):
+        np.maximum.at(first, vehicle, is_free.argmax(axis=0))
+    return first
 
 
 def blocked(least_m: Levels, separation_m: float) -> Flags:
@@ -92,36 +252,48 @@ def blocked(least_m: Levels, separation_m: float) -> Flags:
     return found
 
 
-def _places_m(seen: Seen, set_point_m: Points, braking: Braking) -> npt.NDArray[np.float64]:
-    """Where each may be at each moment from now on: corners of a line, from the one that brakes first to the one that
-    flies on [set-points, moment, tracker, corner, 3].
+def _places_m(seen: Seen, orders: Orders, older: Orders, braking: Braking) -> npt.NDArray[np.float64]:
+    """Where each may be at each moment from now on: corners of a line, from what it does that has not heard these
+    orders past the one that brakes first to the one that obeys them [set, moment, tracker, corner, 3].
     """
     traffic = seen.traffic
     age_s = np.clip(np.nan_to_num(seen.age_s, nan=PLACES_AGE_S, posinf=PLACES_AGE_S), 0.0, PLACES_AGE_S)
-    goal_m = np.where(np.isfinite(set_point_m), set_point_m, traffic.stop_m)
-    shape = set_point_m.shape
+    flown = orders.joined(older)
+    shape = flown.rest_m.shape
+    is_free: Flags = np.asarray(~np.isfinite(flown.rest_m).all(axis=2))
     position_m, velocity_mps = (np.broadcast_to(one, shape) for one in (traffic.position_m, traffic.velocity_mps))
+    # Nobody has told those that are not commanded anything before, either.
+    stop_m = np.broadcast_to(traffic.stop_m, shape).copy()
+    stop_m[len(orders.rest_m) :] = np.nan
     # Of the vehicles' own time, which begins when each was last seen.
     flown_m, flown_mps = [position_m], [velocity_mps]
-    for _ in range(_NUM_MOMENTS + round(PLACES_AGE_S / MOMENT_S)):
-        position_m, velocity_mps = _flown(position_m, velocity_mps, goal_m, braking)
+    for moment in range(_NUM_MOMENTS + round(PLACES_AGE_S / MOMENT_S)):
+        rest_m = np.where(is_free[..., None], stop_m, flown.rest_at_m(moment * MOMENT_S - age_s))
+        position_m, velocity_mps = _flown(position_m, velocity_mps, rest_m, braking)
         flown_m.append(position_m)
         flown_mps.append(velocity_mps)
     way_m, speed_mps = np.stack(flown_m), np.stack(flown_mps)
     moment_s = np.arange(_NUM_MOMENTS)[:, None] * MOMENT_S + age_s
-    places = [_braked_m(way_m, speed_mps, np.minimum(after_s, moment_s), moment_s) for after_s in STOPS_AFTER_S]
     flies_m = _at(way_m, moment_s)
     # What it is told is where it gets, if later.
-    flies_m[-1] = goal_m
-    places.append(flies_m)
-    places_m = np.stack(places, axis=-2)
-    # Who is not commanded may have begun to stop at any moment, and flies no further than it says.
-    free: Flags = np.asarray(~np.isfinite(set_point_m).all(axis=2))
+    flies_m[-1] = np.where(is_free[..., None], stop_m, flown.rest_at_m(np.full(NUM_TRACKERS, np.inf)))
+    stops = [_braked_m(way_m, speed_mps, np.minimum(after_s, moment_s), moment_s) for after_s in STOPS_AFTER_S]
+    placed_m, unheard_m = np.split(np.stack([*stops, flies_m], axis=-2), [len(orders.rest_m)], axis=1)
+    placed_m = _of_the_free_m(placed_m, traffic, is_free[: len(orders.rest_m)])
+    brakes_m = placed_m[..., :1, :]
+    # One line past each two next to one another of those that have not heard, and from each to the one that brakes.
+    unheard_m = np.where(np.isfinite(unheard_m[..., -1:, :]), unheard_m[..., -1:, :], brakes_m[:, :1])
+    longest_m, longer_m, long_m = (one_m.repeat(len(orders.rest_m), 1) for one_m in np.split(unheard_m, 3, axis=1))
+    line_m = [longer_m, longest_m, brakes_m, longer_m, long_m, placed_m]
+    return np.moveaxis(np.concatenate(line_m, axis=-2), 0, 1)
+
+
+def _of_the_free_m(places_m: npt.NDArray[np.float64], traffic: Traffic, is_free: Flags) -> npt.NDArray[np.float64]:
+    """Who is not commanded may have begun to stop at any moment, and flies no further than it says."""
     stop_m = np.broadcast_to(traffic.stop_m[:, None], places_m.shape[2:])
     share = np.linspace(0.0, 1.0, places_m.shape[-2])[:, None]
     straight_m = places_m[..., :1, :] + share * (stop_m - places_m[..., :1, :])
-    placed_m: npt.NDArray[np.float64] = np.where(free[None, ..., None, None], straight_m, places_m)
-    return np.moveaxis(placed_m, 0, 1)
+    return np.asarray(np.where(is_free[None, ..., None, None], straight_m, places_m))
 
 
 def _flown(position_m: Points, velocity_mps: Points, goal_m: Points, braking: Braking) -> tuple[Points, Points]:

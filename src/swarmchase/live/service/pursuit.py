@@ -23,8 +23,18 @@ import torch
 from ...errors import InputError
 from ...flight import flown
 from ...scenario import NUM_TRACKERS, Scenario
-from .flight_separation import Braking, Seen, blocked, least_apart_m, may_become
-from .formation_estimate import claimed_centers_m, median_m
+from .flight_separation import (
+    LONGEST_VALID_S,
+    Braking,
+    Onward,
+    Orders,
+    Seen,
+    Told,
+    blocked,
+    least_apart_m,
+    longest_free,
+)
+from .formation_estimate import TrackerNumbers, claimed_centers_m, median_m
 from .pace import Window
 from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
 from .sample_window import Flags, Levels, Point, Points
@@ -42,9 +52,11 @@ CLOSING_MPS = 2.0
 """With which a tracker that is not in its place comes there at least, beside the formation's own speed. No faster do
 they go round, either."""
 MOST_BEHIND_M = 4.5
-"""For who is further from its place the formation waits,"""
+"""Who is further from its place has fallen behind."""
+FEWEST_IN_PLACE = 4
+"""While fewer are in their places the formation waits for those who have fallen behind,"""
 WAITS_S = 5.0
-"""no longer than this until it has been in its place again."""
+"""for each no longer than this until it has been in its place again."""
 MOST_AHEAD_M = 4.0
 """No set-point is further from where its tracker comes to rest as it flies now: enough to speed it up, and too little
 for it to be taken for one that is astray."""
@@ -54,6 +66,8 @@ SPREADING_MPS = 2.0
 """No faster does the spacing change."""
 REMEMBERED_STEPS = 200
 """Ten seconds at 20 steps a second: longer than any window is waited for."""
+VALID_S = (LONGEST_VALID_S, 1.0, 0.5, 0.2, 0.0)
+"""For so long set-points may be valid without news: the longest by which all keep apart."""
 SHORTEST_MPS = 0.1
 """Differences of speed below this are not worth a word."""
 ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
@@ -87,6 +101,7 @@ class ListenInFlight:
         """So long each has not been in its place."""
         self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
         """How far it had turned at each step."""
+        self._told = Told()
         self._chase_ns: int | None = None
         """When the chase's own time began."""
         self._begins_ns = 0
@@ -203,7 +218,7 @@ class ListenInFlight:
     def advance(self, elapsed_s: float) -> None:
         """Let the formation fly on for this long, as far as it may, and the set-points with it."""
         stream, swarm = self._swarm.stream, self._swarm
-        elapsed_s = min(max(elapsed_s, 0.0), LONGEST_STEP_S)
+        elapsed_s, stream.onward = min(max(elapsed_s, 0.0), LONGEST_STEP_S), None
         if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
             return
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
@@ -218,20 +233,55 @@ class ListenInFlight:
         offset_m = _nearer(before_m - goal_before_m, closing_mps * elapsed_s)
         led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
         following_m = self._fenced_m(led_m, before_m)
-        least_m = least_apart_m(seen, np.stack([before_m, following_m]), self._braking)
+        orders = self._orders(before_m, following_m)
         separation_m = self._limits.minimum_separation_m
-        if may_become(least_m[0], least_m[1], separation_m):
+        older = self._told.older(swarm.now_ns, swarm.obeyed_ns())
+        # Most of the time all are far enough apart with those that are valid for longest.
+        least_m = least_apart_m(seen, orders.only(1), older, self._braking, separation_m)
+        chosen: TrackerNumbers | None = np.zeros(NUM_TRACKERS, dtype=np.int64)
+        if (least_m < separation_m).any():
+            least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
+            chosen = longest_free(least_m[0], least_m[1:], separation_m)
+        if chosen is not None:
             stream.set_point_m = following_m
-            self._turns.append((swarm.now_ns, self._turned_rad))
-            return
-        # The set-points stay: by that all brake, and the formation with them.
-        self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad = state
-        self._brake(elapsed_s)
+            valid_s = orders.valid_s[1 + chosen, range(NUM_TRACKERS)]
+            stream.onward = Onward(orders.velocity_mps[1, 0], valid_s, self._braking)
+        else:
+            # The set-points stay: by that all brake, and the formation with them.
+            self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad = state
+            self._brake(elapsed_s)
+            too_near = blocked(least_m[0], separation_m - INTRUSION_M) & stream.commanded
+            if too_near.any():
+                stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
+                stream.pulled_back += 1
+        self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
         self._turns.append((swarm.now_ns, self._turned_rad))
-        too_near = blocked(least_m[0], separation_m - INTRUSION_M) & stream.commanded
-        if too_near.any():
-            stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
-            stream.pulled_back += 1
+
+    def _orders(self, before_m: Points, following_m: Points) -> Orders:
+        """What may be sent: the set-points of before, by which all brake; the next ones, valid for shorter and
+        shorter.
+        """
+        moves_mps = self._goals_mps()
+        velocity_mps = np.zeros((1 + len(VALID_S), NUM_TRACKERS, 3))
+        velocity_mps[1:] = moves_mps
+        valid_s = np.zeros((1 + len(VALID_S), NUM_TRACKERS))
+        valid_s[1:] = np.minimum(np.array(VALID_S)[:, None], self._inside_s(following_m, moves_mps))
+        rest_m = np.stack([before_m] + [following_m] * len(VALID_S))
+        return Orders(rest_m, velocity_mps, valid_s, np.zeros_like(valid_s))
+
+    def _goals_mps(self) -> Point:
+        """With which the goals move on, as it is meant now: on average over as long as a set-point may be valid."""
+        center_m, velocity_mps = self._flown(
+            self._within_fence_mps(self._wanted_mps), LONGEST_VALID_S, self._acceleration_mps2
+        )
+        rest_m = self._center_m + self._braking.rest_m(self._velocity_mps)
+        return np.asarray((center_m + self._braking.rest_m(velocity_mps) - rest_m) / LONGEST_VALID_S)
+
+    def _inside_s(self, rest_m: Points, moves_mps: Point) -> Levels:
+        """For how long these places may move on inside the fence [tracker]."""
+        room_m = np.where(moves_mps > 0, self._limits.high_m - rest_m, rest_m - self._limits.low_m)
+        left_s = np.maximum(room_m, 0.0) / np.maximum(np.abs(moves_mps), 1e-9)
+        return np.asarray(np.nan_to_num(left_s).min(axis=1))
 
     def _fly_on(self, elapsed_s: float) -> None:
         wanted_mps = self._within_fence_mps(self._wanted_mps)
@@ -247,12 +297,16 @@ class ListenInFlight:
         self._turned_rad += led_rad - self._led_rad()
 
     def _change(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> None:
+        self._center_m, self._velocity_mps = self._flown(wanted_mps, elapsed_s, acceleration_mps2)
+
+    def _flown(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> tuple[Point, Point]:
+        """Where the centre gets, and how fast it is then."""
         before_m, before_mps, wanted = (
             torch.from_numpy(vector)[None] for vector in (self._center_m, self._velocity_mps, wanted_mps)
         )
         seconds = torch.tensor([elapsed_s], dtype=torch.float64)
         center_m, velocity_mps = flown(before_m, before_mps, wanted, seconds, acceleration_mps2)
-        self._center_m, self._velocity_mps = center_m[0].numpy(), velocity_mps[0].numpy()
+        return center_m[0].numpy(), velocity_mps[0].numpy()
 
     def _goal_m(self) -> Points:
         """Where the trackers of the formation come to rest if they brake now."""
@@ -278,12 +332,13 @@ class ListenInFlight:
         return np.asarray(self._swarm.places_now_m() + self._braking.rest_m(self._swarm.traffic().velocity_mps))
 
     def _waits(self, now_m: Points, elapsed_s: float) -> bool:
-        """Whether the formation waits for somebody that counts and is not in its place."""
+        """Whether the formation waits for those that count and are not in their places."""
         place_m = formation_m(self._center_m, self._spacing_m, self._turned_rad)
         is_behind = np.linalg.norm(now_m - place_m, axis=1) > MOST_BEHIND_M
         self._behind_s = np.where(is_behind, self._behind_s + elapsed_s, 0.0)
         counted = self._swarm.counted()
-        return bool((is_behind & (self._behind_s < WAITS_S))[counted].any())
+        num_awaited = int((is_behind & (self._behind_s < WAITS_S))[counted].sum())
+        return num_awaited > max(len(counted) - FEWEST_IN_PLACE, 0)
 
     def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
         """Those who come too near to somebody stop as soon as they can."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenario import NUM_TRACKERS
+from .flight_separation import Onward
 from .safety import Legs, SafetyLimits
 from .sample_window import Point, Points
 from .separation import Traffic, stopping_m
@@ -33,6 +34,8 @@ class SetPointStream:
         self.is_at_corner = False
         """Whether a leg has been given out and the next one has not been begun."""
         self.set_point_m: Points = np.full((NUM_TRACKERS, 3), np.nan)
+        self.onward: Onward | None = None
+        """None: all come to rest at their set-points."""
         self.pulled_back = 0
         """In so many steps a set-point was pulled back."""
         self.blocked_s = 0.0
@@ -51,6 +54,13 @@ class SetPointStream:
     def hold(self, tracker: int, position_m: Point) -> None:
         """Command a tracker that was not: it stays where it is until the next flight."""
         self.set_point_m[tracker] = position_m
+        if self.onward is not None:
+            self.onward.valid_s[tracker] = 0.0
+
+    def last_m(self, tracker: int) -> Point:
+        """Where it comes to rest, told nothing more."""
+        rest_m, onward = self.set_point_m[tracker], self.onward
+        return np.asarray(rest_m if onward is None else rest_m + onward.valid_s[tracker] * onward.velocity_mps)
 
     def release(self, tracker: int) -> None:
         """Command it no more; a flight goes on without it."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...scenario import NUM_TRACKERS, Scenario
-from ..link.messages import Message, Metres, SetPoint
+from ..link.messages import FeedForward, Message, Metres, SetPoint
 from .chase_state import TrackerSnapshot
 from .formation_estimate import ASTRAY_M, FormationEstimate, fitted_formation
 from .level_consistency import LevelConsistency
@@ -63,7 +63,7 @@ class Swarm:
             was_commanded, is_led = self.stream.commanded[tracker], self._reliability.may_be_commanded[tracker]
             may_be_commanded = is_led and record.may_be_commanded(self._now_ns)
             if was_commanded and not may_be_commanded:
-                self._left_m[tracker], self._released_ns[tracker] = self.stream.set_point_m[tracker], self._now_ns
+                self._left_m[tracker], self._released_ns[tracker] = self.stream.last_m(tracker), self._now_ns
                 self.stream.release(tracker)
             elif was_commanded and record.position_m is not None:
                 seen_ns = self._now_ns - round(1e9 * record.position_age_s(self._now_ns))
@@ -248,6 +248,10 @@ class Swarm:
         """How old the newest position of each is [tracker]; infinite without any."""
         return np.array([record.position_age_s(self._now_ns) for record in self._records])
 
+    def obeyed_ns(self) -> list[int | None]:
+        """When the newest set-point was sent that each is known to have obeyed; None of who has not said so."""
+        return [record.obeyed_ns(self._now_ns) for record in self._records]
+
     def newest_sample_ns(self) -> int | None:
         """When the newest valid sample of those that count was taken; None before the first."""
         found_ns = [self._records[tracker].newest_sample_ns for tracker in self.counted()]
@@ -279,9 +283,15 @@ class Swarm:
 
     def set_points(self, epoch: int, now_ns: int) -> list[SetPoint]:
         """What is to be sent now."""
-        return [
-            SetPoint(tracker, now_ns, epoch, metres(self.stream.set_point_m[tracker])) for tracker in self.commanded()
-        ]
+        return [SetPoint(tracker, now_ns, epoch, *self._led(tracker)) for tracker in self.commanded()]
+
+    def _led(self, tracker: int) -> tuple[Metres, FeedForward | None]:
+        """Where to come to rest, and how that moves on."""
+        rest_m, onward = metres(self.stream.set_point_m[tracker]), self.stream.onward
+        if onward is None or onward.valid_s[tracker] == 0:
+            return rest_m, None
+        braking_mps2, valid_s = onward.braking.nominal_mps2, float(onward.valid_s[tracker])
+        return rest_m, FeedForward(metres(onward.velocity_mps), valid_s, braking_mps2)
 
     def snapshots(self) -> tuple[TrackerSnapshot, ...]:
         """All six as a page shows them."""

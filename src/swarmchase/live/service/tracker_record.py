@@ -7,7 +7,17 @@ from collections import deque
 import numpy as np
 
 from ...scenario import Scenario
-from ..link.messages import Health, Heartbeat, Notice, PositionReport, Report, RssiWindow, TrackerMode, VehicleState
+from ..link.messages import (
+    SPAN_MS,
+    Health,
+    Heartbeat,
+    Notice,
+    PositionReport,
+    Report,
+    RssiWindow,
+    TrackerMode,
+    VehicleState,
+)
 from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow, Times
 
 SILENT_S = 1.0
@@ -54,11 +64,19 @@ class TrackerRecord:
         # Sender times, rising, and the positions at them.
         self._position_ns: list[int] = []
         self._position_m: list[Point] = []
+        self._obeyed_ms: int | None = None
+        self._obeyed_told_ns = -1
         self._heartbeat_ns = -1
         self.mode: TrackerMode | None = None
         """Of the newest heartbeat; None before the first."""
         self.vehicle: VehicleState | None = None
         """Of the same."""
+
+    def obeyed_ns(self, now_ns: int) -> int | None:
+        """When the newest set-point that it is known to have obeyed was sent; None where it has not said so."""
+        if self._obeyed_ms is None:
+            return None
+        return now_ns - (now_ns // 10**6 - self._obeyed_ms) % SPAN_MS * 10**6
 
     def hear(self, message: Report, now_ns: int) -> None:
         """Take in what has just arrived. A heartbeat that tells of a restart empties everything first."""
@@ -76,10 +94,16 @@ class TrackerRecord:
         self._offset.heard(message.time_ns, now_ns)
         if isinstance(message, RssiWindow):
             self._samples.add(message)
+            self._take_obeyed(message)
         elif isinstance(message, PositionReport):
             self._add_position(message)
         elif message.time_ns > self._heartbeat_ns:
             self._heartbeat_ns, self.mode, self.vehicle = message.time_ns, message.mode, message.vehicle
+
+    def _take_obeyed(self, message: RssiWindow) -> None:
+        """Of the newest window; messages may overtake one another."""
+        if message.obeyed_ms is not None and message.time_ns >= self._obeyed_told_ns:
+            self._obeyed_ms, self._obeyed_told_ns = message.obeyed_ms, message.time_ns
 
     def _add_position(self, message: PositionReport) -> None:
         place = bisect.bisect_left(self._position_ns, message.time_ns)

@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...ranges import POSITIVE, ranged, require_ranges
 from ..clock import Clock
 from ..link.messages import (
+    SPAN_MS,
     Heartbeat,
     Message,
     Metres,
@@ -31,7 +32,7 @@ from .sources.complaint import Complaint
 from .sources.protocol import RssiSource, Sample
 from .sources.sample_buffer import SampleBuffer
 from .sources.sender_clock import SenderClock
-from .vehicles.protocol import Vehicle
+from .vehicles.protocol import LedVehicle, Vehicle
 from .way_back import WayBack
 
 CHANGE_TOLD_S, CHANGE_TOLD_HZ = 1.0, 20.0
@@ -138,6 +139,10 @@ class TrackerAgent:
         self._complains = False
         self._rule = SetPointRule(tracker, self._settings.hold_after_s)
         self._sent_ns: int | None = None
+        self._set_point: SetPoint | None = None
+        """The newest that is obeyed, where it leads along a way."""
+        self._obeyed_ms: int | None = None
+        """When that was sent, by the controller's clock."""
         self._obeying = False
         self._way_back = WayBack()
         self._back_ns: int | None = None
@@ -157,6 +162,7 @@ class TrackerAgent:
         for message in self._link.receive():
             self._hear(message, now_ns)
         self._miss_the_controller(now_ns)
+        self._go_on(now_ns)
         self._vehicle.update(now_ns)
         self._report(now_ns)
 
@@ -204,7 +210,24 @@ class TrackerAgent:
         if not self._way_back.has_begun and self._vehicle.position_m is not None:
             self._way_back.note(now_ns, self._vehicle.position_m)
         self._sent_ns, self._obeying, self._back_ns = self._rule.sent_ns(message, now_ns), True, None
-        self._vehicle.go_to(message.position_m)
+        self._obeyed_ms = message.time_ns // 10**6 % SPAN_MS
+        self._set_point = None if message.feed_forward is None else message
+        if self._set_point is None:
+            self._vehicle.go_to(message.position_m)
+
+    def _go_on(self, now_ns: int) -> None:
+        """Along the way it is led, also while nothing is heard for as long as that was said to be well."""
+        if not self._obeying or self._sent_ns is None or self._set_point is None:
+            return
+        rest_m, feed_forward = self._set_point.rest_m((now_ns - self._sent_ns) / 1e9), self._set_point.feed_forward
+        if feed_forward is not None and isinstance(self._vehicle, LedVehicle):
+            self._vehicle.lead(rest_m, feed_forward.braking_mps2)
+        else:
+            self._vehicle.go_to(rest_m)
+
+    def _is_sent_on(self, silent_s: float) -> bool:
+        """Whether the controller has said that it may go on for longer than this without news."""
+        return self._set_point is not None and self._set_point.moves_on(silent_s)
 
     def _miss_the_controller(self, now_ns: int) -> None:
         """Hold, and later return, when it has fallen silent."""
@@ -217,7 +240,7 @@ class TrackerAgent:
         if self._sent_ns is None:
             return
         silent_s = (now_ns - self._sent_ns) / 1e9
-        if self._obeying and silent_s >= self._settings.hold_after_s:
+        if self._obeying and silent_s >= self._settings.hold_after_s and not self._is_sent_on(silent_s):
             self._obeying = False
             self._vehicle.hold()
         if 0 < self._settings.return_after_s <= silent_s and self._way_back.has_begun:
@@ -243,7 +266,7 @@ class TrackerAgent:
             window = self._samples.window(now_ns)
             if window is not None:
                 time_ns, rssi_dbm = window
-                self._link.send(RssiWindow(self._tracker, time_ns, self._sampling_hz, rssi_dbm))
+                self._link.send(RssiWindow(self._tracker, time_ns, self._sampling_hz, rssi_dbm, self._obeyed_ms))
         position_m = self._vehicle.position_m
         if position_m is not None and self._is_due("position", self._settings.position_hz, now_ns):
             try:

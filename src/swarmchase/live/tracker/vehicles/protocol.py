@@ -54,3 +54,11 @@ class Vehicle(Protocol):
 
     def close(self) -> None:
         """Give back what it holds."""
+
+
+@runtime_checkable
+class LedVehicle(Vehicle, Protocol):
+    """A vehicle that is told more than the place where to rest, while that moves on."""
+
+    def lead(self, rest_m: Metres, braking_mps2: float) -> None:
+        """Fly towards this place, as fast as it can brake from before it; there will be another one in a moment."""

@@ -1,0 +1,149 @@
+"""Live flights in which trackers hear nothing for a while: they go on as they were told, and keep apart."""
+
+import math
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+
+from swarmchase.formation import Action
+from swarmchase.live.service.flight_separation import LONGEST_VALID_S
+from swarmchase.live.service.safety import SafetyLimits
+from swarmchase.live.service.separation import STRAYING_M
+from swarmchase.live.service.settings import ServiceSettings
+from swarmchase.scenario import Scenario, load_scenario
+from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.virtual_chase import START_NS, TICK_S, VirtualChase
+
+SCENARIO = Scenario.from_dict(load_scenario("flight").to_dict() | {"start_distance_m": 30.0, "farthest_start_m": 60.0})
+FULL_SPEED_MPS = SCENARIO.tracker_speed_mps
+PLACES_M = 5.0 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+ONE, OTHER = np.triu_indices(6, 1)
+
+
+class Wants:
+    """A controller that flies this way at full speed, or, told none, any way, and turns every now and then."""
+
+    name = "wants"
+
+    def __init__(self, random: Random, *way: float) -> None:
+        self.random, self.turns = random, not way
+        self.way = np.array(way or (1.0, 0.0, 0.0))
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> None:
+        pass
+
+    def decide(self, observation: Any, memory: None) -> tuple[Action, None]:
+        if self.turns and self.random.random() < 0.5:
+            way = np.array([self.random.gauss(0.0, 1.0) for _ in range(3)])
+            self.way = self.random.choice([1.0, 1.0, 0.3, 0.0]) * way / np.linalg.norm(way)
+        displacement_m = torch.from_numpy(self.way[None]) * FULL_SPEED_MPS * SCENARIO.decision_s
+        return Action(torch.tensor([5.0], dtype=torch.float64), displacement_m), None
+
+
+class Flight:
+    """A virtual chase, watched where the vehicles truly are."""
+
+    def __init__(self, controller: Wants, faults: str = "", limits: SafetyLimits | None = None) -> None:
+        settings = ServiceSettings(reached_windows=0)
+        self.chase = VirtualChase(SCENARIO, controller, 3, 1, fault_plan(faults), settings, limits=limits)
+        self.least_m = math.inf
+        self.dies = False
+
+    @property
+    def now_s(self) -> float:
+        return (self.chase.clock.now_ns() - START_NS) / 1e9
+
+    def places_m(self) -> np.ndarray:
+        return np.array(self.chase.site.positions_m())
+
+    def speeds_mps(self) -> np.ndarray:
+        return np.array([math.hypot(*vehicle.velocity_mps) for vehicle in self.chase.site.vehicles])
+
+    def tick(self) -> None:
+        if self.dies:
+            self.chase.tick_without_service()
+        else:
+            self.chase.tick()
+        places_m = self.places_m()
+        self.least_m = min(self.least_m, float(np.linalg.norm(places_m[ONE] - places_m[OTHER], axis=1).min()))
+
+    def fly(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.tick()
+
+    def off_m(self, tracker: int) -> float:
+        """How far it is from where the others show that its place is."""
+        return float(np.linalg.norm((self.places_m() - PLACES_M)[tracker] - self.center_m()))
+
+    def center_m(self) -> np.ndarray:
+        return np.asarray(np.median(self.places_m() - PLACES_M, axis=0))
+
+
+def test_a_gap_as_long_as_set_points_are_valid_costs_nothing() -> None:
+    """Nobody flies within a metre of another's way. The one that has lost the link flies on with the others."""
+    flight = Flight(Wants(Random(0), 0.96, 0.28, 0.0))
+    flight.fly(6.0)
+    flight.chase.network.cut(2, is_cut=True)
+    flight.fly(LONGEST_VALID_S - 0.1)
+    assert flight.speeds_mps().min() > 0.95 * FULL_SPEED_MPS
+    assert flight.off_m(2) < 0.5
+    # After that it brakes, and the five fly on without it.
+    flight.fly(3.0)
+    speeds_mps = flight.speeds_mps()
+    assert speeds_mps[2] < 0.1
+    assert np.delete(speeds_mps, 2).min() > 0.95 * FULL_SPEED_MPS
+    assert flight.off_m(2) > 10.0
+
+
+def test_in_a_turn_it_goes_on_along_the_way_that_was_meant() -> None:
+    controller = Wants(Random(0), 1.0, 0.0, 0.0)
+    flight = Flight(controller)
+    flight.fly(5.5)
+    controller.way = np.array([0.6, 0.8, 0.0])
+    flight.fly(0.8)
+    flight.chase.network.cut(4, is_cut=True)
+    flight.fly(1.5)
+    assert flight.off_m(4) < 2.0
+    turned_mps = np.array(flight.chase.site.vehicles[4].velocity_mps)
+    assert turned_mps / FULL_SPEED_MPS == pytest.approx([0.6, 0.8, 0.0], abs=0.1)
+
+
+def test_a_swarm_whose_service_dies_comes_to_rest_inside_the_fence() -> None:
+    limits = SafetyLimits(-60.0, 60.0, -60.0, 60.0, -40.0, 40.0, FULL_SPEED_MPS)
+    flight = Flight(Wants(Random(0), 1.0, 0.0, 0.0), limits=limits)
+    while flight.places_m()[:, 0].max() < 35.0:
+        flight.tick()
+    flight.dies = True
+    flight.fly(1.0)
+    assert flight.speeds_mps().max() > 1.0
+    flight.fly(5.0)
+    assert flight.speeds_mps().max() < 0.05
+    assert 50.0 < flight.places_m()[:, 0].max() <= 60.0
+    assert flight.least_m > 4.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_all_keep_apart_whatever_is_wanted_and_whoever_hears_nothing_or_is_stopped(seed: int) -> None:
+    """Bursts on every link; besides, links are cut and pilots take over at any moment."""
+    random = Random(f"gaps {seed}")
+    flight = Flight(Wants(random), random.choice(["burst=0.15", "burst=0.3,delay=0.05", "burst=0.15,delay=0.08"]))
+    events = [
+        (what, random.randrange(6), start_s, start_s + random.uniform(0.5, 4.0))
+        for what in ("cut", "cut", "pilot")
+        for start_s in [random.uniform(3.0, 9.0)]
+    ]
+    while flight.now_s < 11.0:
+        for tracker, vehicle in enumerate(flight.chase.site.vehicles):
+            now = {
+                what for what, whose, start_s, end_s in events if whose == tracker and start_s <= flight.now_s < end_s
+            }
+            (vehicle.take_over if "pilot" in now else vehicle.give_back)()
+            flight.chase.network.cut(tracker, "cut" in now)
+        flight.tick()
+    assert flight.least_m >= SafetyLimits().minimum_separation_m - STRAYING_M
+    assert np.linalg.norm(flight.center_m()) > 5.0
