@@ -8,17 +8,25 @@ from random import Random
 import pytest
 
 from swarmchase.controllers import load_controller
+from swarmchase.formation import TRACKER_DIRECTION
 from swarmchase.live.link.messages import Metres, Severity, TrackerMode
 from swarmchase.live.service.chase_state import Snapshot
+from swarmchase.live.service.pursuit import BRAKING_SHARE
+from swarmchase.live.service.safety import SafetyLimits
+from swarmchase.live.service.separation import MARGIN_M
 from swarmchase.live.tracker.vehicles import (
     AutopilotVehicle,
     LocalFrame,
     SimulatedVehicle,
     UdpTransport,
 )
-from swarmchase.live.tracker.vehicles.frames import CoordinateFrame
-from swarmchase.scenario import paper_scenario
+from swarmchase.live.tracker.vehicles.ardupilot import ARDUPILOT
+from swarmchase.live.tracker.vehicles.frames import POSITION_AND_VELOCITY, CoordinateFrame
+from swarmchase.live.tracker.vehicles.px4 import PX4
+from swarmchase.live.tracker.vehicles.simulated import VehicleLimits
+from swarmchase.scenario import Scenario, load_scenario, paper_scenario
 from swarmchase.simulation.autopilot import ORIGIN, Phase, SimulatedAutopilot
+from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.simulated_ardupilot import (
     COPTER_3_5,
     COPTER_4_0,
@@ -46,8 +54,8 @@ FRAMES = pytest.mark.parametrize("frame", [LocalFrame(), ORIGIN], ids=["local", 
 class Flight:
     """One autopilot, the agent's vehicle beside it, and a controller that may be speaking."""
 
-    def __init__(self, makes: Makes, frame: CoordinateFrame | None = None) -> None:
-        self.flown = SimulatedVehicle((0.0, 0.0, 0.0))
+    def __init__(self, makes: Makes, frame: CoordinateFrame | None = None, limits: VehicleLimits | None = None) -> None:
+        self.flown = SimulatedVehicle((0.0, 0.0, 0.0), limits)
         self.transport = UdpTransport(0)
         self.vehicle = AutopilotVehicle(self.transport, frame)
         self.autopilot = makes(self.flown, self.transport.port)
@@ -393,3 +401,156 @@ def test_six_of_different_makes_chase_the_target() -> None:
         *[[]] * 5,
         ["Battery 1 low voltage"],
     ]
+
+
+# Led along a way
+
+
+class LedFlight(Flight):
+    """A formation's place that flies east at 8 m/s after speeding up, then north; the controller speaks of it in each
+    step, as the service does (``pursuit``): where it comes to rest if it brakes now.
+    """
+
+    def __init__(self, makes: Makes, frame: CoordinateFrame | None = None, limits: VehicleLimits | None = None) -> None:
+        super().__init__(makes, frame, limits)
+        self.acceleration_mps2 = self.flown._limits.acceleration_mps2
+        self.place_m, self.velocity_mps = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        self.off: list[float] = []
+
+    def lead(self, wanted_mps: Metres, seconds: float) -> None:
+        self.off.clear()
+        for _ in range(round(seconds / STEP_S)):
+            change = [wanted - now for wanted, now in zip(wanted_mps, self.velocity_mps, strict=True)]
+            share = min(1.0, self.acceleration_mps2 * STEP_S / max(math.hypot(*change), 1e-9))
+            before = self.velocity_mps
+            self.velocity_mps = [now + share * part for now, part in zip(before, change, strict=True)]
+            self.place_m = [
+                here + (one + other) / 2 * STEP_S
+                for here, one, other in zip(self.place_m, before, self.velocity_mps, strict=True)
+            ]
+            braking_mps2 = BRAKING_SHARE * self.acceleration_mps2
+            ahead_s = math.hypot(*self.velocity_mps) / (2 * braking_mps2)
+            rest_m = tuple(here + ahead_s * one for here, one in zip(self.place_m, self.velocity_mps, strict=True))
+            self.vehicle.lead(rest_m, braking_mps2)  # type: ignore[arg-type]
+            self.go_on(STEP_S)
+            self.off.append(math.dist(self.flown.true_position_m, self.place_m))
+
+    def sent_with_velocity(self) -> bool:
+        return self.autopilot.last_mask == POSITION_AND_VELOCITY
+
+
+@contextmanager
+def led_flight_of(
+    makes: Makes, frame: CoordinateFrame | None = None, limits: VehicleLimits | None = None
+) -> Iterator[LedFlight]:
+    flight = LedFlight(makes, frame, limits)
+    with closing(flight.vehicle), closing(flight.autopilot):
+        yield flight
+
+
+IDEAL = VehicleLimits(12.0, 5.0)
+HABITS = [
+    pytest.param(IDEAL, 2.5, 0.8, id="ideal"),
+    pytest.param(VehicleLimits(12.0, 5.0, 0.3, 0.5, 0.5), 4.5, 1.5, id="lag, wind and noise"),
+    pytest.param(VehicleLimits(12.0, 2.0, 0.3, 0.3, 0.5), 4.5, 1.5, id="2 m/s2"),
+]
+"""Of vehicles, how far off they may get in turns, in which the formation turns as hard as they can, and afterwards."""
+
+
+@pytest.mark.parametrize(("limits", "most_off_m", "then_off_m"), HABITS)
+@pytest.mark.parametrize("make", ["3.5", "4.0", "4.6", "px4"])
+@FRAMES
+def test_whoever_is_led_along_a_way_flies_it_as_fast_as_it_is_led(
+    make: str, frame: CoordinateFrame, limits: VehicleLimits, most_off_m: float, then_off_m: float
+) -> None:
+    """Copters up to 4.0 too, which creep where places come ten times a second; speeding up and round a corner."""
+    releases = {"3.5": COPTER_3_5, "4.0": COPTER_4_0, "4.6": COPTER_4_6}
+    with led_flight_of(px4() if make == "px4" else copter(releases[make]), frame, limits) as flight:
+        flight.go_on(4)
+        flight.lead((0.0, 0.0, 0.0), 2.0)  # PX4 takes the mode
+        flight.lead((8.0, 0.0, 0.0), 9.0)
+        assert flight.vehicle.mode is FOLLOWING
+        assert flight.sent_with_velocity()
+        assert max(flight.off) < most_off_m
+        assert max(flight.off[-20:]) < then_off_m
+        flight.lead((0.0, 8.0, 0.0), 9.0)
+        assert max(flight.off) < most_off_m
+        assert max(flight.off[-20:]) < then_off_m
+        assert math.hypot(*flight.flown.velocity_mps) > 7.0
+        # The controller falls silent: the agent holds, and the vehicle comes to rest ahead of where it is.
+        at_m = flight.flown.true_position_m
+        flight.vehicle.hold()
+        flight.go_on(9.0)
+        assert not flight.sent_with_velocity()
+        flown_m = flight.flown.true_position_m[1] - at_m[1]
+        stopping_m = 64 / 2 / limits.acceleration_mps2
+        assert stopping_m - 2 < flown_m < 1.25 * stopping_m + 3
+        assert math.hypot(*flight.flown.velocity_mps) < 0.6
+        assert flight.told == []
+
+
+@pytest.mark.parametrize("make", ["4.6", "px4"])
+def test_an_agent_that_dies_in_full_flight_has_its_vehicle_stop(make: str) -> None:
+    """ArduCopter after GUID_TIMEOUT, PX4 after COM_OF_LOSS_T."""
+    with led_flight_of(px4() if make == "px4" else copter(), limits=IDEAL) as flight:
+        flight.go_on(4)
+        flight.lead((0.0, 0.0, 0.0), 2.0)
+        flight.lead((8.0, 0.0, 0.0), 4.0)
+        at_m = flight.flown.true_position_m
+        for _ in range(round(8.0 / STEP_S)):
+            flight.now_ns += round(STEP_S * 1e9)
+            flight.flown.update(flight.now_ns)
+            flight.autopilot.step(flight.now_ns)
+        flown_m = flight.flown.true_position_m[0] - at_m[0]
+        assert (5.0 < flown_m < 22.0) if make == "px4" else (20.0 < flown_m < 35.0)
+        assert math.hypot(*flight.flown.velocity_mps[:2]) < 1.0
+
+
+def test_six_copters_of_all_makes_catch_a_target_that_flies_over_a_link_with_bursts() -> None:
+    """With lag, wind, receivers of positions that are .3 m off, and 2 m/s2 to 5 in what they can."""
+    scenario = Scenario.from_dict(
+        load_scenario("flight").to_dict()
+        | {"behaviour": "waypoints", "start_distance_m": 30.0, "farthest_start_m": 40.0, "tracker_speed_mps": 8.0}
+        | {"tracker_acceleration_mps2": 2.5, "target_speed_mps": 2.0}
+    )
+    makes = [copter(COPTER_4_6), copter(COPTER_4_0), copter(COPTER_3_5), px4(), px4(), copter(COPTER_4_6)]
+    places_m = (scenario.initial_spacing_m * TRACKER_DIRECTION).tolist()
+    accelerations_mps2 = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
+    vehicles = [
+        SimulatedVehicle((x_m, y_m, z_m), VehicleLimits(9.6, acceleration_mps2, 0.2, 0.3, 0.3), Random(tracker))
+        for tracker, ((x_m, y_m, z_m), acceleration_mps2) in enumerate(zip(places_m, accelerations_mps2, strict=True))
+    ]
+    plan, controller = fault_plan("burst=0.15"), load_controller("particle", scenario)
+    chase = VirtualChase(scenario, controller, 1, 0, plan, vehicles=vehicles)
+    autopilots: list[SimulatedAutopilot] = []
+    for agent, make, vehicle in zip(chase.agents, makes, vehicles, strict=True):
+        transport = UdpTransport(0)
+        autopilots.append(make(vehicle, transport.port))
+        assert agent is not None
+        agent._vehicle = AutopilotVehicle(transport, ORIGIN)
+    with_velocity: set[int] = set()
+
+    def step_autopilots() -> None:
+        for number, one in enumerate(autopilots):
+            one.step(chase.clock.now_ns())
+            if one.last_mask == POSITION_AND_VELOCITY:
+                with_velocity.add(number)
+
+    try:
+        result = chase.run(step_autopilots)
+    finally:
+        for agent, autopilot in zip(chase.agents, autopilots, strict=True):
+            assert agent is not None
+            agent._vehicle.close()
+            autopilot.close()
+    assert (result.state, result.said_distance_m < scenario.success_radius_m + 1.0) == ("reached", True), result.reason
+    assert with_velocity == set(range(6))
+    assert result.least_separation_m >= SafetyLimits().minimum_separation_m - MARGIN_M
+
+
+def test_planes_and_rovers_are_sent_places_alone() -> None:
+    assert not ARDUPILOT.takes_velocities(1)
+    assert not ARDUPILOT.takes_velocities(10)
+    assert ARDUPILOT.takes_velocities(2)
+    assert not PX4.takes_velocities(1)
+    assert PX4.takes_velocities(2)

@@ -19,6 +19,9 @@ from .vehicles_gone_wrong import FailingVehicle
 
 HEARTBEAT_HZ = 1.0
 MOST_DATAGRAMS = 100
+POSITION_ONLY, POSITION_AND_VELOCITY = 3576, 3520
+"""POSITION_TARGET_TYPEMASK, as both makes take it: all but the position, or all but position and velocity, is to be
+ignored."""
 ORIGIN = GlobalFrame(45.0, 10.0, 100.0)
 """Where the origin of the shared frame is on the earth; each one's own frame begins there too."""
 ABOVE_GROUND_M = 100.0
@@ -81,6 +84,8 @@ class SimulatedAutopilot(ABC):
         """Whether it knows where it is."""
         self.heard: Counter[str] = Counter()
         """Messages by type."""
+        self.last_mask: int | None = None
+        """Of the newest set-point, as it came."""
         self._vehicle = vehicle
         self._home_m = vehicle.position_m
         self._ground_m = self._home_m[2] - (ABOVE_GROUND_M if is_in_the_air else 0.0)
@@ -162,8 +167,8 @@ class SimulatedAutopilot(ABC):
         """Fly as the mode has it."""
 
     @abstractmethod
-    def _take_set_point(self, frame: int, position_m: Metres) -> None:
-        """One has come, in this MAV_FRAME."""
+    def _take_set_point(self, frame: int, position_m: Metres, velocity_mps: Metres | None) -> None:
+        """One has come, in this MAV_FRAME; without a velocity it is a place to stay at."""
 
     def _take_interval(self, message: Any) -> int:
         """MAV_CMD_SET_MESSAGE_INTERVAL: MAV_RESULT."""
@@ -222,12 +227,22 @@ class SimulatedAutopilot(ABC):
             self.choose(message.custom_mode)
         elif kind == "REQUEST_DATA_STREAM":
             self._take_stream(message)
-        elif kind == "SET_POSITION_TARGET_LOCAL_NED":
-            self._take_set_point(message.coordinate_frame, (message.y, message.x, -message.z))
-        elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
+        elif kind in {"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}:
+            self._hear_set_point(message)
+
+    def _hear_set_point(self, message: Any) -> None:
+        """What it is to ignore it does not read; masks other than these it drops."""
+        self.last_mask = message.type_mask
+        if message.type_mask not in {POSITION_ONLY, POSITION_AND_VELOCITY}:
+            return
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            position_m: Metres = (message.y, message.x, -message.z)
+        else:
             place = (message.lat_int, message.lon_int, round(message.alt * 1e3))
-            as_position = self._mavlink.global_position_int_encode(0, *place, 0, 0, 0, 0, 0)
-            self._take_set_point(message.coordinate_frame, ORIGIN.position_m(as_position))
+            position_m = ORIGIN.position_m(self._mavlink.global_position_int_encode(0, *place, 0, 0, 0, 0, 0))
+        is_tracked = message.type_mask == POSITION_AND_VELOCITY
+        velocity_mps = (message.vy, message.vx, -message.vz) if is_tracked else None
+        self._take_set_point(message.coordinate_frame, position_m, velocity_mps)
 
     def _result(self, message: Any) -> int:
         """MAV_RESULT of a command."""
@@ -254,7 +269,7 @@ class SimulatedAutopilot(ABC):
     def _say_global(self) -> None:
         x_mps, y_mps, z_mps = self._vehicle.velocity_mps
         if self.has_position:
-            place = ORIGIN.set_point(self._mavlink, 0, (1, 1), 0, self._vehicle.position_m)
+            place = ORIGIN.set_point(self._mavlink, 0, (1, 1), self._vehicle.position_m)
             velocity = (round(y_mps * 100), round(x_mps * 100), round(-z_mps * 100))
             above_mm = round(self._above_ground_m() * 1e3)
             where = (place.lat_int, place.lon_int, round(place.alt * 1e3), above_mm)

@@ -17,6 +17,8 @@ POSITION_HZ = 2.0
 """SRx_POSITION of a telemetry port that nobody has set."""
 PLANS_S, CRAWL_AHEAD_M = 0.25, 0.03
 """So long after a destination one that plans anew has planned only so far: sent one ten times a second, it creeps."""
+GUID_TIMEOUT_S = 3.0
+"""So long without news a velocity counts."""
 DISARM_DELAY_S = 10.0
 """Armed, and on the ground."""
 
@@ -59,6 +61,7 @@ class SimulatedArduPilot(SimulatedAutopilot):
         self._release, self._fence_m = release, fence_m
         self._is_critical = False
         self._destination_m: Metres | None = None
+        self._destination_mps: Metres | None = None
         self._destination_ns = self._landed_ns = 0
 
     def take_off(self, above_ground_m: float) -> None:
@@ -116,11 +119,11 @@ class SimulatedArduPilot(SimulatedAutopilot):
         elif message.req_stream_id == mavlink.MAV_DATA_STREAM_EXTRA2:
             self._rates_hz[HUD] = float(message.req_message_rate)
 
-    def _take_set_point(self, frame: int, position_m: Metres) -> None:
+    def _take_set_point(self, frame: int, position_m: Metres, velocity_mps: Metres | None) -> None:
         if frame in LOCAL_FRAMES | GLOBAL_FRAMES:
-            self._take_destination(position_m)
+            self._take_destination(position_m, velocity_mps)
 
-    def _take_destination(self, position_m: Metres) -> None:
+    def _take_destination(self, position_m: Metres, velocity_mps: Metres | None = None) -> None:
         if self.mode != GUIDED or not self.is_armed or max(map(abs, position_m)) > self._fence_m:
             return
         if self.phase is Phase.TAKE_OFF:
@@ -129,14 +132,28 @@ class SimulatedArduPilot(SimulatedAutopilot):
             self._vehicle.hold()
         if self.phase is Phase.AIR:
             self._destination_m, self._destination_ns = position_m, self._now_ns
+            self._destination_mps = velocity_mps
 
     def _fly(self) -> None:
-        if self._destination_m is not None:
+        if self._destination_m is not None and self._destination_mps is not None:
+            self._track(self._destination_m, self._destination_mps)
+        elif self._destination_m is not None:
             self._vehicle.go_to(self._planned_m(self._destination_m))
         if not (self.is_armed and self.phase is Phase.GROUND):
             self._landed_ns = self._now_ns
         elif self._now_ns - self._landed_ns > DISARM_DELAY_S * 1e9:
             self.is_armed = False
+
+    def _track(self, position_m: Metres, velocity_mps: Metres) -> None:
+        """A place with a velocity moves on by itself, without being planned for, until news of it end."""
+        since_s = (self._now_ns - self._destination_ns) / 1e9
+        x_m, y_m, z_m = (
+            there + speed * min(since_s, GUID_TIMEOUT_S) for there, speed in zip(position_m, velocity_mps, strict=True)
+        )
+        if since_s < GUID_TIMEOUT_S:
+            self._vehicle.track((x_m, y_m, z_m), velocity_mps)
+        else:
+            self._vehicle.go_to((x_m, y_m, z_m))
 
     def _end_take_off(self) -> None:
         if self._release.ends_take_off:

@@ -34,6 +34,7 @@ class SimulatedPx4(SimulatedAutopilot):
     def __init__(self, vehicle: SimulatedVehicle | FailingVehicle, port: int, is_in_the_air: bool = True) -> None:
         super().__init__(vehicle, port, POSITION, is_in_the_air, {LOCAL: 1.0, GLOBAL: 5.0, LANDED: 1.0})
         self._set_point_m: Metres | None = None
+        self._set_point_mps: Metres | None = None
         self._first_ns = self._last_set_point_ns = -round(LOST_S * 1e9)
         """Of the set-points that came without a gap."""
 
@@ -72,12 +73,13 @@ class SimulatedPx4(SimulatedAutopilot):
     def _take_stream(self, message: Any) -> None:
         """It does not know it."""
 
-    def _take_set_point(self, frame: int, position_m: Metres) -> None:
+    def _take_set_point(self, frame: int, position_m: Metres, velocity_mps: Metres | None) -> None:
         if frame not in FRAMES:
             return
         if not self._set_points_come():
             self._first_ns = self._now_ns
-        self._set_point_m, self._last_set_point_ns = position_m, self._now_ns
+        self._set_point_m, self._set_point_mps = position_m, velocity_mps
+        self._last_set_point_ns = self._now_ns
 
     def _set_points_come(self) -> bool:
         return self._now_ns - self._last_set_point_ns < LOST_S * 1e9
@@ -91,6 +93,9 @@ class SimulatedPx4(SimulatedAutopilot):
             self._tell("No offboard signal: landing", mavlink.MAV_SEVERITY_CRITICAL)
             self._change_mode(LAND)
         elif self.is_armed and self._set_point_m is not None:
-            self._vehicle.go_to(self._set_point_m)
+            if self._set_point_mps is None:
+                self._vehicle.go_to(self._set_point_m)
+            else:
+                self._vehicle.track(self._set_point_m, self._set_point_mps)
             if self.phase is Phase.GROUND and self._above_ground_m() > LIFTED_OFF_M:
                 self.phase = Phase.AIR

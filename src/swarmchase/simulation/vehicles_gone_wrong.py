@@ -65,6 +65,14 @@ class FailingVehicle:
         elif fault is not VehicleFault.FENCE or max(abs(x_m), abs(y_m), abs(z_m)) <= FENCE_M:
             self._vehicle.go_to(position_m)
 
+    def track(self, place_m: Metres, velocity_mps: Metres) -> None:
+        """Be there now, as fast as that, or do not."""
+        fault = self._fault()
+        if fault is None or fault is VehicleFault.OFFSET:
+            self._vehicle.track(place_m, velocity_mps)
+        else:
+            self.go_to(place_m)
+
     def update(self, now_ns: int) -> None:
         """The site does it."""
 

@@ -704,7 +704,7 @@ def test_global_set_points_are_where_they_should_be(latitude_deg: float, longitu
     places_m = [(0.0, 0.0, 0.0), (300.0, 0.0, 0.0), (0.0, -400.0, 20.0), (-500.0, 600.0, 50.0), (0.5, 0.5, 1.0)]
     on_earth_m = []
     for place_m in places_m:
-        sent = frame.set_point(mavlink, 7, (1, 1), 0xDF8, place_m)
+        sent = frame.set_point(mavlink, 7, (1, 1), place_m)
         assert (sent.coordinate_frame, sent.type_mask, sent.time_boot_ms) == (5, 0xDF8, 7)
         assert abs(sent.lon_int) <= 1_800_000_000
         on_earth_m.append(earth_centred_m(sent.lat_int / 1e7, sent.lon_int / 1e7, sent.alt))
@@ -725,8 +725,19 @@ def test_local_set_points_come_back(offset_m: Metres, place_m: Metres) -> None:
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     mavlink = common.MAVLink(None)
     frame = LocalFrame(offset_m)
-    sent = frame.set_point(mavlink, 7, (1, 1), 0xDF8, place_m)
+    sent = frame.set_point(mavlink, 7, (1, 1), place_m)
     assert frame.position_m(sent) == pytest.approx(place_m, abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", [LocalFrame((1.0, 2.0, 3.0)), GlobalFrame(45.0, 10.0, 100.0)])
+def test_set_points_with_a_velocity_say_so_and_it_comes_back(frame: CoordinateFrame) -> None:
+    """Acceleration, yaw and yaw rate alone are to be ignored."""
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.common").MAVLink(None)
+    sent = frame.set_point(mavlink, 7, (1, 1), (4.0, 5.0, 6.0), (0.5, -2.0, 1.0))
+    assert sent.type_mask == 0xDC0
+    assert (sent.vx, sent.vy, sent.vz) == (-2.0, 0.5, -1.0)
+    at_rest = frame.set_point(mavlink, 7, (1, 1), (4.0, 5.0, 6.0))
+    assert (at_rest.type_mask, at_rest.vx, at_rest.vy, at_rest.vz) == (0xDF8, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("point", [(91.0, 0.0, 0.0), (90.0, 0.0, 0.0), (0.0, 181.0, 0.0), (0.0, 0.0, math.nan)])

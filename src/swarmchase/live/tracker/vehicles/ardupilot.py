@@ -3,7 +3,8 @@
 It flies to the last one that it was sent and stays there, so nothing need be streamed, and nothing must be: a target
 that comes during a take-off ends the take-off, one that comes after a ground station's "fly here" overrides that, and
 copters up to 4.0 plan their way anew at each, so that one that comes ten times a second makes them crawl. One beyond a
-fence of its own it drops without a word.
+fence of its own it drops without a word. Positions with a velocity its copters fly without planning a way to them, and
+stop three seconds after the last (GUID_TIMEOUT).
 """
 
 from .firmware import Firmware, GuidedMode, Rhythm
@@ -24,6 +25,7 @@ ARDUPILOT = Firmware(
     mode_name="GUIDED",
     guided_mode=_guided_mode,
     rhythm=RHYTHM,
+    takes_velocities=lambda vehicle_type: vehicle_type not in PLANES_AND_ROVERS,
     needs_set_points=False,
     airborne_of_status={STANDBY: False, ACTIVE: True},
 )

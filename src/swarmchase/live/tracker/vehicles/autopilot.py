@@ -28,6 +28,7 @@ from .set_points import SetPointPace
 from .status_texts import StatusTexts
 from .telemetry import Wanted, Wish
 from .transports import Transport
+from .way_point import WayPoint
 
 HEARTBEAT_PERIOD_S = 1.0
 REQUEST_PERIOD_S = 1.0
@@ -50,8 +51,6 @@ REFUSALS = {1: "not now", 2: "denied", 4: "failed"}
 POSITION_STREAM = 6  # MAV_DATA_STREAM
 POSITION_MESSAGES = {"LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33}
 EXTENDED_SYS_STATE = 245
-POSITION_ONLY = 0b1101_1111_1000
-"""POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate are to be ignored."""
 
 
 class AutopilotVehicle:
@@ -77,6 +76,10 @@ class AutopilotVehicle:
         self._position_ns = 0
         self._velocity_mps: Metres = (0.0, 0.0, 0.0)
         self._destination_m: Metres | None = None
+        self._way_point: WayPoint | None = None
+        """While it is led along a way."""
+        self._braking_mps2 = 0.0
+        """So hard it then brakes before its destination."""
         self._following = False
         self._ordered_ns = 0
         self._streaming_since_ns: int | None = None
@@ -128,11 +131,25 @@ class AutopilotVehicle:
         """Send this set-point, and ask for the mode if need be."""
         if self.mode != TrackerMode.MANUAL:
             self._destination_m, self._following, self._ordered_ns = position_m, True, self._now_ns
+            self._way_point = None
+
+    def lead(self, rest_m: Metres, braking_mps2: float) -> None:
+        """Send places on the way there with their velocities, where its firmware takes them."""
+        way_point = self._way_point
+        self.go_to(rest_m)
+        beat = self._heartbeat
+        if not self._following or beat is None or not beat.firmware.takes_velocities(beat.vehicle_type):
+            return
+        if self.position_m is not None and (way_point is None or way_point.is_astray(self.position_m)):
+            way_point = WayPoint(self.position_m, self._velocity_mps, self._now_ns)
+        self._way_point, self._braking_mps2 = way_point, braking_mps2
 
     def hold(self) -> None:
-        """Send where it is now as the set-point, at once: there may be no later."""
+        """Send at once where it is now, or comes to rest on its way: there may be no later."""
         if self._following:
-            self._destination_m, self._following, self._ordered_ns = self._last_position_m, False, self._now_ns
+            way_point, self._way_point = self._way_point, None
+            stops_m = self._last_position_m if way_point is None else way_point.rest_m(self._braking_mps2)
+            self._destination_m, self._following, self._ordered_ns = stops_m, False, self._now_ns
             self._pace.forget()
 
     def update(self, now_ns: int) -> None:
@@ -222,7 +239,7 @@ class AutopilotVehicle:
     def _forget_orders(self) -> None:
         if self._destination_m is not None:
             self._pace.forget()
-        self._destination_m, self._following = None, False
+        self._destination_m, self._following, self._way_point = None, False, None
 
     def _take_up_answer(self, command: int, result: int) -> None:
         beat = self._heartbeat
@@ -241,9 +258,14 @@ class AutopilotVehicle:
             return
         if self._streaming_since_ns is None:
             self._streaming_since_ns = self._now_ns
-        if self._pace.is_due(position_m, firmware.rhythm, self._now_ns):
+        velocity_mps = None
+        if self._way_point is not None and position_m == self._destination_m:
+            self._way_point.fly(position_m, self._braking_mps2, self._now_ns)
+            position_m, velocity_mps = self._way_point.position_m, self._way_point.velocity_mps
+        if self._pace.is_due(position_m, velocity_mps, firmware.rhythm, self._now_ns):
             now_ms = self._now_ns // 1_000_000 % 2**32
-            self._line.send(self._frame.set_point(self._line.messages, now_ms, self._target, POSITION_ONLY, position_m))
+            told = (self._line.messages, now_ms, self._target, position_m, velocity_mps)
+            self._line.send(self._frame.set_point(*told))
 
     def _set_point_m(self, firmware: Firmware) -> Metres | None:
         """What it is to be sent while it flies, in whosever hands it is."""

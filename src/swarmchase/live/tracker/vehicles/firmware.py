@@ -38,6 +38,8 @@ class Firmware:
     guided_mode: Callable[[int], GuidedMode]
     """The same, for vehicles of a MAV_TYPE."""
     rhythm: Rhythm
+    takes_velocities: Callable[[int], bool]
+    """Whether vehicles of a MAV_TYPE take a position with a velocity."""
     needs_set_points: bool
     """Whether it leaves the mode when set-points end, and lets a pilot choose it only while they come."""
     airborne_of_status: Mapping[int, bool]

@@ -11,6 +11,8 @@ from ...earth import EarthOrigin
 from ...link.messages import Metres
 
 GLOBAL_INT = 5  # MAV_FRAME
+POSITION_AND_VELOCITY, POSITION_ONLY = 0b1101_1100_0000, 0b1101_1111_1000
+"""POSITION_TARGET_TYPEMASK: acceleration, yaw and yaw rate are to be ignored, and the velocity where there is none."""
 
 
 @runtime_checkable
@@ -26,8 +28,14 @@ class CoordinateFrame(Protocol):
     def velocity_mps(self, message: Any) -> Metres:
         """Its velocity in the shared frame."""
 
-    def set_point(self, mavlink: Any, now_ms: int, target: tuple[int, int], type_mask: int, position_m: Metres) -> Any:
-        """The MAVLink message that tells it to be there. ``target``: its system and component."""
+    def set_point(
+        self, mavlink: Any, now_ms: int, target: tuple[int, int], position_m: Metres, velocity_mps: Metres | None = None
+    ) -> Any:
+        """The MAVLink message that tells it to be there, and if it is given as fast as that.
+
+        Args:
+            target: Its system and component.
+        """
 
 
 @dataclass(frozen=True)
@@ -46,12 +54,14 @@ class LocalFrame:
         """Likewise."""
         return (message.vy, message.vx, -message.vz)
 
-    def set_point(self, mavlink: Any, now_ms: int, target: tuple[int, int], type_mask: int, position_m: Metres) -> Any:
+    def set_point(
+        self, mavlink: Any, now_ms: int, target: tuple[int, int], position_m: Metres, velocity_mps: Metres | None = None
+    ) -> Any:
         """SET_POSITION_TARGET_LOCAL_NED in MAV_FRAME_LOCAL_NED (1)."""
         east_m, north_m, up_m = (value - offset for value, offset in zip(position_m, self.offset_m, strict=True))
-        nothing = (0.0,) * 8
+        type_mask, rest = _mask_and_rest(velocity_mps)
         return mavlink.set_position_target_local_ned_encode(
-            now_ms, *target, 1, type_mask, north_m, east_m, -up_m, *nothing
+            now_ms, *target, 1, type_mask, north_m, east_m, -up_m, *rest
         )
 
 
@@ -75,10 +85,12 @@ class GlobalFrame(EarthOrigin):
         """Centimetres a second north, east, down."""
         return (message.vy / 100, message.vx / 100, -message.vz / 100)
 
-    def set_point(self, mavlink: Any, now_ms: int, target: tuple[int, int], type_mask: int, position_m: Metres) -> Any:
+    def set_point(
+        self, mavlink: Any, now_ms: int, target: tuple[int, int], position_m: Metres, velocity_mps: Metres | None = None
+    ) -> Any:
         """SET_POSITION_TARGET_GLOBAL_INT in MAV_FRAME_GLOBAL_INT (5): altitude above sea level. PX4 refuses 0."""
         latitude_deg, longitude_deg, altitude_m = self.global_position(position_m)
-        nothing = (0.0,) * 8
+        type_mask, rest = _mask_and_rest(velocity_mps)
         return mavlink.set_position_target_global_int_encode(
             now_ms,
             *target,
@@ -87,5 +99,13 @@ class GlobalFrame(EarthOrigin):
             round(latitude_deg * 1e7),
             round(longitude_deg * 1e7),
             altitude_m,
-            *nothing,
+            *rest,
         )
+
+
+def _mask_and_rest(velocity_mps: Metres | None) -> tuple[int, tuple[float, ...]]:
+    """The type mask of a set-point, and its fields after the position: velocity north, east, down, then zeros."""
+    if velocity_mps is None:
+        return POSITION_ONLY, (0.0,) * 8
+    east_mps, north_mps, up_mps = velocity_mps
+    return POSITION_AND_VELOCITY, (north_mps, east_mps, -up_mps, *(0.0,) * 5)

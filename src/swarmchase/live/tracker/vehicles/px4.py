@@ -9,6 +9,7 @@ the ground it is sent none; its heartbeats do not say whether it is there.
 from .firmware import Firmware, GuidedMode, Rhythm
 
 MAIN_MODE_OFFBOARD = 6
+FIXED_WING = 1  # MAV_TYPE
 # A custom mode has the main mode in its third byte and the sub-mode in its fourth; the command takes the main mode.
 OFFBOARD = GuidedMode(custom_mode=MAIN_MODE_OFFBOARD << 16, command_mode=MAIN_MODE_OFFBOARD)
 RHYTHM = Rhythm(least_change_m=0.0, settled_s=0.1, repeat_s=0.1)
@@ -25,6 +26,7 @@ PX4 = Firmware(
     mode_name="OFFBOARD",
     guided_mode=_guided_mode,
     rhythm=RHYTHM,
+    takes_velocities=lambda vehicle_type: vehicle_type != FIXED_WING,
     needs_set_points=True,
     airborne_of_status={},
 )

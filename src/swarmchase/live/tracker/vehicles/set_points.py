@@ -16,11 +16,13 @@ class SetPointPace:
         """None: none yet, and the next one is due at once."""
         self._sent_ns = 0
 
-    def is_due(self, position_m: Metres, rhythm: Rhythm, now_ns: int) -> bool:
-        """Whether this one is to be sent now; then it counts as sent."""
-        if now_ns - self._sent_ns < self._wait_s(position_m, rhythm) * 1e9:
+    def is_due(self, position_m: Metres, velocity_mps: Metres | None, rhythm: Rhythm, now_ns: int) -> bool:
+        """Whether this one is to be sent now; then it counts as sent. One with a velocity is old at once."""
+        wait_s = self._wait_s(position_m, rhythm) if velocity_mps is None else SOONEST_S
+        if now_ns - self._sent_ns < wait_s * 1e9:
             return False
-        self._sent_m, self._sent_ns = position_m, now_ns
+        # What comes to rest after velocities is another one, wherever it is.
+        self._sent_m, self._sent_ns = position_m if velocity_mps is None else None, now_ns
         return True
 
     def _wait_s(self, position_m: Metres, rhythm: Rhythm) -> float:

@@ -22,6 +22,8 @@ GUST_S = 2.0
 """So long a gust lasts."""
 LAG_GAIN = 0.45
 """With lag it goes for what is left at this share of it in each lag time, as autopilots do, lest it swings."""
+LEAST_LAG_S = 0.3
+"""No autopilot goes for a place that moves as if it lagged less."""
 AT_REST_MPS = 0.2
 """Slower than this it takes its place for the one to stay at."""
 
@@ -67,6 +69,8 @@ class SimulatedVehicle:
         self._rest_m: Metres | None = None
         self._velocity_mps: Metres = (0.0, 0.0, 0.0)
         self._target_m: Metres | None = None
+        self._tracked_mps: Metres | None = None
+        """How fast it is to be there."""
         self._manual = False
         self._now_ns: int | None = None
 
@@ -113,15 +117,20 @@ class SimulatedVehicle:
     def go_to(self, position_m: Metres) -> None:
         """Fly there."""
         if not self._manual:
-            self._target_m, self._rest_m = position_m, None
+            self._target_m, self._tracked_mps, self._rest_m = position_m, None, None
+
+    def track(self, place_m: Metres, velocity_mps: Metres) -> None:
+        """Be there now, as fast as that: what an autopilot has it do that is told both."""
+        if not self._manual:
+            self._target_m, self._tracked_mps, self._rest_m = place_m, velocity_mps, None
 
     def hold(self) -> None:
         """Brake, and stay there."""
-        self._target_m = None
+        self._target_m, self._tracked_mps = None, None
 
     def take_over(self) -> None:
         """A pilot takes it, and brakes."""
-        self._manual, self._target_m = True, None
+        self._manual, self._target_m, self._tracked_mps = True, None, None
 
     def give_back(self) -> None:
         """The pilot gives it back."""
@@ -146,7 +155,7 @@ class SimulatedVehicle:
         limits = self._limits
         if self._velocity_mps != (0.0, 0.0, 0.0) or limits.gusts_mps2 > 0 or limits.position_error_m > 0:
             return False
-        return self._target_m is None or self._target_m == self._true_position_m
+        return self._tracked_mps is None and self._target_m in {None, self._true_position_m}
 
     def _fly(self, step_s: float) -> None:
         limits = self._limits
@@ -161,7 +170,7 @@ class SimulatedVehicle:
         if limits.position_error_m > 0:
             self._turn_the_error(step_s)
         self._true_position_m = _plus(self._true_position_m, _times(self.velocity_mps, step_s))
-        if self._target_m is not None:
+        if self._target_m is not None and self._tracked_mps is None:
             distance_m = math.dist(self.position_m, self._target_m)
             if distance_m < ARRIVED_M and math.hypot(*self._velocity_mps) < ARRIVED_MPS:
                 self._true_position_m, self._velocity_mps = _less(self._target_m, self._error_m), (0.0, 0.0, 0.0)
@@ -173,6 +182,10 @@ class SimulatedVehicle:
         goal_m = self._resting_m() if self._target_m is None else self._target_m
         if goal_m is None:
             return (0.0, 0.0, 0.0)
+        if self._tracked_mps is not None:
+            gain_hz = LAG_GAIN / max(self._limits.lag_s, LEAST_LAG_S)
+            correction_mps = _times(_less(goal_m, self.position_m), gain_hz)
+            return _shortened(_plus(self._tracked_mps, correction_mps), self._limits.speed_mps)
         way_m = _less(goal_m, self.position_m)
         distance_m = math.hypot(*way_m)
         if distance_m == 0:
