@@ -1,7 +1,9 @@
 """Live flights: trackers that never stop to listen. The real service, agents, link and vehicles, on a made clock."""
 
+import csv
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from swarmchase import load_controller
 from swarmchase.batch.streams import chase_keys
 from swarmchase.errors import InputError
 from swarmchase.formation import Action
-from swarmchase.live.service.chase_state import ChaseState, Decision, Transition
+from swarmchase.live.service.chase_state import ChaseState, Decision, Snapshot, Transition
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.separation import STRAYING_M
 from swarmchase.live.service.settings import ServiceSettings
@@ -30,6 +32,7 @@ NEAR = Scenario.from_dict(
 )
 BY_OPERATOR = ServiceSettings(reached_windows=0)
 FULL_SPEED_MPS = NEAR.tracker_speed_mps
+TRACE = Path(__file__).parents[3] / "shared" / "data" / "birdseye" / "trace_634s.csv"
 ONE, OTHER = np.triu_indices(6, 1)
 
 
@@ -204,6 +207,23 @@ def test_hold_stops_within_the_way_that_braking_takes_and_resume_goes_on() -> No
     assert flight.least_m > 6.0
 
 
+def test_the_centre_that_is_shown_brakes_with_the_swarm_when_the_target_is_reached() -> None:
+    centers_m: list[np.ndarray] = []
+
+    def watch(snapshot: Snapshot) -> None:
+        if snapshot.state is ChaseState.REACHED:
+            centers_m.append(np.array(snapshot.center_m))
+
+    flight = Flight(Flies(1, 0, 0), settings=BY_OPERATOR, watch=watch)
+    flight.fly(5.0)
+    flight.chase.service.declare_reached()
+    flight.fly(4.0)
+    steps_m = np.linalg.norm(np.diff(centers_m, axis=0), axis=1)
+    assert 0.3 < steps_m.max() <= FULL_SPEED_MPS * 0.05 + 1e-6
+    assert float(steps_m.sum()) == pytest.approx(FULL_SPEED_MPS**2 / (2 * 4.0), abs=0.7)
+    assert np.linalg.norm(flight.places_m().mean(axis=0) - centers_m[-1]) < 0.2
+
+
 @pytest.mark.parametrize("fault", ["kill=0@5", "restart=0@5", "frozen=0@5", "pilot"])
 def test_whoever_stops_in_the_midst_of_a_flight_is_not_run_into(fault: str) -> None:
     """East and north at full speed: tracker 0 flies ahead of 3, and 2 of 1, 7 m before them."""
@@ -240,6 +260,34 @@ def test_no_vehicle_leaves_the_fence_and_the_words_say_why() -> None:
     assert 25.0 < farthest_m[0] <= 30.2
     assert "fence" in flight.decisions()[-1].changed
     assert flight.least_m > 6.0
+
+
+@pytest.mark.skipif(not TRACE.exists(), reason="the recorded flight is not there")
+def test_a_target_that_flies_where_a_real_one_was_recorded_is_caught(tmp_path: Path) -> None:
+    """A DJI UAV, once a second, rounded to 11 m; its limits make a way of the steps."""
+    rows = [row for row in csv.DictReader(TRACE.read_text(encoding="utf-8").splitlines()) if row["drone_lat"]]
+    began = {name: float(rows[0][name]) for name in ("t_unix", "drone_lat", "drone_lon")}
+    north_m = 111_320.0
+    east_m = north_m * math.cos(math.radians(began["drone_lat"]))
+    track = tmp_path / "track.csv"
+    with track.open("w", encoding="utf-8") as file:
+        file.write("time_s,x_m,y_m,z_m\n")
+        for row in rows:
+            time_s, lat, lon = (float(row[name]) - since for name, since in began.items())
+            file.write(f"{time_s},{lon * east_m:.2f},{lat * north_m:.2f},0\n")
+    scenario = Scenario.from_dict(NEAR.to_dict() | {"behaviour": str(track)})
+    chase = VirtualChase(scenario, load_controller("particle", scenario), 3, 1)
+    assert isinstance(chase.site.radio, RadioInFlight)
+    result = chase.run()
+    assert (result.state, result.reached) == ("reached", True), result.reason
+    # Until it was caught it stood where it took off, as it did for half a minute.
+    assert result.flown_s is not None
+    environment, seconds = Environment(scenario), 0.0
+    state: State = environment.reset(chase_keys(3, 1, 1))
+    while seconds < result.flown_s - scenario.decision_s:
+        state, _ = environment.step(state, still())
+        seconds = float(state.time_s[0])
+    assert math.dist(chase.site.radio.target_m, state.target_position_m[0].tolist()) < 5.0
 
 
 @pytest.mark.parametrize(

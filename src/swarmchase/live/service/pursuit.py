@@ -97,6 +97,8 @@ class ListenInFlight:
         self._wanted_mps, self._spacing_m, self._wanted_spacing_m = np.zeros(3), 0.0, 0.0
         self._turned_rad = self._turn_rad_per_s = 0.0
         """The cross, and how fast it turns."""
+        self._stops = False
+        """Whether all brake until they rest."""
         self._behind_s = np.zeros(NUM_TRACKERS)
         """So long each has not been in its place."""
         self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
@@ -124,11 +126,15 @@ class ListenInFlight:
         return self._chase_ns or 0
 
     def stand(self, formation: Move, now_ns: int) -> None:
-        """The trackers are around this centre, at rest, and are listened to from soon on. Intervals begin half way
-        between two samples, so that it is plain which belong to one.
+        """The trackers are around this centre, or come to rest ahead of it, and are listened to from soon on. Intervals
+        begin half way between two samples, so that it is plain which belong to one.
         """
-        self._center_m, self._spacing_m, self.has_begun = formation.center_m, formation.spacing_m, True
+        rest_m = formation.center_m + self._braking.rest_m(self._velocity_mps)
+        self._center_m, self._spacing_m, self.has_begun = rest_m, formation.spacing_m, True
+        self._turned_rad += self._led_rad()
+        self._velocity_mps, self._turn_rad_per_s = np.zeros(3), 0.0
         self.stop()
+        self._stops = False
         newest_ns = self._swarm.newest_sample_ns() or now_ns
         periods = math.ceil((now_ns + FIRST_WINDOW_S * 1e9 - newest_ns) / self._period_ns)
         self._begins_ns = newest_ns + periods * self._period_ns - self._period_ns // 2
@@ -136,10 +142,7 @@ class ListenInFlight:
 
     def stop(self) -> None:
         """Brake, and stay where that ends."""
-        self._center_m = self._center_m + self._braking.rest_m(self._velocity_mps)
-        self._turned_rad += self._led_rad()
-        self._velocity_mps, self._wanted_mps, self._turn_rad_per_s = np.zeros(3), np.zeros(3), 0.0
-        self._wanted_spacing_m = self._spacing_m
+        self._stops, self._wanted_mps, self._wanted_spacing_m = True, np.zeros(3), self._spacing_m
 
     def window(self, now_ns: int) -> Window | None:
         """What was heard in the interval that has ended, once it is there or was waited for; None before that."""
@@ -226,14 +229,16 @@ class ListenInFlight:
         before_m, goal_before_m = stream.set_point_m, self._goal_m()
         state = self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad
         closing_mps = max(CLOSING_MPS, self._speed_mps - float(np.linalg.norm(self._velocity_mps)))
-        if self._waits(now_m, elapsed_s):
+        brakes = self._stops or self._waits(now_m, elapsed_s)
+        if brakes:
             self._brake(elapsed_s)
         else:
             self._fly_on(elapsed_s)
         offset_m = _nearer(before_m - goal_before_m, closing_mps * elapsed_s)
         led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
         following_m = self._fenced_m(led_m, before_m)
-        orders = self._orders(before_m, following_m)
+        moves_mps = np.zeros(3) if brakes else self._goals_mps()
+        orders = self._orders(before_m, following_m, moves_mps)
         separation_m = self._limits.minimum_separation_m
         older = self._told.older(swarm.now_ns, swarm.obeyed_ns())
         # Most of the time all are far enough apart with those that are valid for longest.
@@ -245,7 +250,8 @@ class ListenInFlight:
         if chosen is not None:
             stream.set_point_m = following_m
             valid_s = orders.valid_s[1 + chosen, range(NUM_TRACKERS)]
-            stream.onward = Onward(orders.velocity_mps[1, 0], valid_s, self._braking)
+            if np.linalg.norm(moves_mps) > SHORTEST_MPS:
+                stream.onward = Onward(moves_mps, valid_s, self._braking)
         else:
             # The set-points stay: by that all brake, and the formation with them.
             self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad = state
@@ -257,11 +263,10 @@ class ListenInFlight:
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
         self._turns.append((swarm.now_ns, self._turned_rad))
 
-    def _orders(self, before_m: Points, following_m: Points) -> Orders:
+    def _orders(self, before_m: Points, following_m: Points, moves_mps: Point) -> Orders:
         """What may be sent: the set-points of before, by which all brake; the next ones, valid for shorter and
         shorter.
         """
-        moves_mps = self._goals_mps()
         velocity_mps = np.zeros((1 + len(VALID_S), NUM_TRACKERS, 3))
         velocity_mps[1:] = moves_mps
         valid_s = np.zeros((1 + len(VALID_S), NUM_TRACKERS))
