@@ -11,7 +11,9 @@ import torch
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase.formation import Action
+from swarmchase.live.service import pursuit
 from swarmchase.live.service.flight_separation import LONGEST_VALID_S
+from swarmchase.live.service.pursuit import ListenInFlight
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.separation import STRAYING_M
 from swarmchase.live.service.settings import ServiceSettings
@@ -98,6 +100,26 @@ def test_a_gap_as_long_as_set_points_are_valid_costs_nothing() -> None:
     assert speeds_mps[2] < 0.1
     assert np.delete(speeds_mps, 2).min() > 0.95 * FULL_SPEED_MPS
     assert flight.off_m(2) > 10.0
+
+
+def test_who_flies_on_because_it_has_not_heard_that_all_brake_is_not_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight(Wants(Random(0), 0.96, 0.28, 0.0))
+    flight.fly(6.0)
+    flight.chase.network._to_tracker[2].is_cut = True
+    # From now on it is said that somebody would come too near: the set-points stay.
+    monkeypatch.setattr(
+        pursuit,
+        "least_apart_m",
+        lambda seen, orders, *_: np.array([[0.9 - 0.05 * min(k, 1)] * 15 for k in range(len(orders.rest_m))]),
+    )
+    flight.fly(1.6)
+    pace = flight.chase.service._pace
+    assert isinstance(pace, ListenInFlight)
+    rest_m, told_m = pace._fresh_rest_m(), flight.chase.service._swarm.stream.set_point_m
+    heard_m = pace._heard_m(rest_m)
+    assert np.linalg.norm(rest_m - told_m, axis=1)[2] > 10.0
+    assert np.linalg.norm(rest_m - heard_m, axis=1).max() < 2.0
+    assert [tracker.left_out for tracker in flight.chase.service.snapshot().trackers] == [""] * 6
 
 
 def test_in_a_turn_it_goes_on_along_the_way_that_was_meant() -> None:

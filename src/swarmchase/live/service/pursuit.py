@@ -152,7 +152,8 @@ class ListenInFlight:
         # After a pause of the loop what is old is left out.
         self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
         assert self._chase_ns is not None
-        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._fresh_rest_m())
+        rest_m = self._fresh_rest_m()
+        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._heard_m(rest_m), rest_m)
         since_s = (self._begins_ns - self._chase_ns) / 1e9
         self._begins_ns += self._interval_ns
         turned_rad = self._turned_at_rad(self._begins_ns - self._interval_ns, _median(after_s))
@@ -326,6 +327,16 @@ class ListenInFlight:
         """Inside the fence, or no further out than before."""
         low_m, high_m = np.minimum(self._limits.low_m, before_m), np.maximum(self._limits.high_m, before_m)
         return np.asarray(np.clip(point_m, low_m, high_m))
+
+    def _heard_m(self, rest_m: Points) -> Points:
+        """Of the set-points that each may have heard last, where they are now: the one next to where it comes to rest
+        [tracker, 3]; NaN where it is not commanded. Who flies on by an older one is not astray.
+        """
+        set_point_m = self._swarm.stream.set_point_m
+        older = self._told.older(self._swarm.now_ns, self._swarm.obeyed_ns())
+        told_m = np.concatenate([set_point_m[None], older.rest_at_m(np.zeros(NUM_TRACKERS))])
+        off_m = np.nan_to_num(np.linalg.norm(told_m - rest_m, axis=2), nan=np.inf)
+        return np.where(np.isfinite(set_point_m), told_m[off_m.argmin(axis=0), range(NUM_TRACKERS)], np.nan)
 
     def _fresh_rest_m(self) -> Points:
         """The same as ``_rest_m``; NaN where it was not seen of late: who says nothing contradicts nobody."""

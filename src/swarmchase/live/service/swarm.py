@@ -223,20 +223,21 @@ class Swarm:
         """Whether all trackers that hear have taken the window that begins at this moment, and said where."""
         return all(self._records[tracker].has_flown_window(since_ns) for tracker in self.usable())
 
-    def flown(self, since_ns: int, rest_m: Points) -> tuple[Levels, Points, Levels]:
+    def flown(self, since_ns: int, told_m: Points, rest_m: Points) -> tuple[Levels, Points, Levels]:
         """The window [sample, tracker] as ``heard`` has it, where each sample was taken, and how many seconds after
         this moment [sample, tracker]; NaN where a tracker is not commanded. Who does not come to rest where it is told
         to is left behind.
 
         Args:
-            rest_m: Where each comes to rest, as it flies now [tracker, 3].
+            told_m: Where each is told to come to rest, as far as it has heard it [tracker, 3].
+            rest_m: Where it does, as it flies now [tracker, 3].
         """
         rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
         after_s, position_m = rssi_dbm.copy(), np.full((*rssi_dbm.shape, 3), np.nan)
         for tracker in self.commanded():
             rssi_dbm[:, tracker], position_m[:, tracker], time_ns = self._records[tracker].flown_window(since_ns)
             after_s[:, tracker] = (time_ns - since_ns) / 1e9
-        self._reliability.take_positions(self.stream.set_point_m, rest_m, self._left_m, ASTRAY_IN_FLIGHT_M)
+        self._reliability.take_positions(told_m, rest_m, self._left_m, ASTRAY_IN_FLIGHT_M)
         return rssi_dbm, position_m, after_s
 
     def places_now_m(self) -> Points:
