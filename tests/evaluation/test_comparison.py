@@ -264,7 +264,7 @@ def test_a_belief_stands_in_table_document_and_figure_of_those_that_have_one(tmp
     }
     figure = belief_figure({("particle", 10.0, 0.9, AS_TOLD): [3.0, 5.0]})
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "particle"]
-    assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.5], [5.0, 1.0]]
+    assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.0], [3.0, 0.5], [5.0, 1.0]]
 
 
 def test_worlds_stand_in_the_table_where_there_are_several() -> None:
@@ -297,7 +297,7 @@ def test_the_figures_show_every_controller_and_the_papers_points() -> None:
     figure = distribution_figure(movements_of(invented()))
     assert [axes.get_title() for axes in figure.axes] == ["F = 10 Hz, ρ = 0.5", "F = 100 Hz, ρ = 0.5"]
     curve = next(line for line in figure.axes[1].get_lines() if line.get_label() == "particle")
-    assert np.asarray(curve.get_xdata()).tolist() == sorted([32 + number % 10 for number in range(100)])
+    assert np.asarray(curve.get_xdata())[1:].tolist() == sorted([32 + number % 10 for number in range(100)])
     weaker = summaries([result("particle", [30, 40]), result("particle", [50, 501], world_name="6 dB weaker")])
     axes = world_figure(weaker).axes[0]
     assert [text.get_text() for text in axes.get_yticklabels()] == ["as told", "6 dB weaker"]

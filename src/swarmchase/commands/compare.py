@@ -97,11 +97,12 @@ def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], te
     tell_replaced([folder / TABLE_FILE, folder / "comparison.md"])
     save_results(folder, results)
     write_text_atomically(folder / "comparison.md", text)
-    for picture in _draw(folder, results, rows):
+    for picture in draw_results(folder, results, rows):
         CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
 
 
-def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
+def draw_results(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
+    """The figures of a comparison into the folder; returns the PNG files. ``rows`` are the results' summaries."""
     from ..reports.comparison import draw_comparison
 
     def by_place(

@@ -72,11 +72,12 @@ def _write(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[s
     tell_replaced([folder / TABLE_FILE, folder / "results.md"])
     save_evaluations(folder, evaluations)
     write_text_atomically(folder / "results.md", text)
-    for picture in _draw(folder, evaluations, summaries):
+    for picture in draw_evaluations(folder, evaluations, summaries):
         CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
 
 
-def _draw(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> list[Path]:
+def draw_evaluations(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> list[Path]:
+    """Figures 3 to 7 into the folder, where the fading examples lie already; returns the PNG files."""
     from ..evaluation.reproduction import FADING_FILE, training_log
     from ..evaluation.tables import read_rows
     from ..reports.paper import draw_all
