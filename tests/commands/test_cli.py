@@ -23,7 +23,6 @@ from PIL import Image, ImageSequence
 from swarmchase.cli import main
 from swarmchase.commands import options, train
 from swarmchase.commands.catalogue import COMMANDS
-from swarmchase.commands.terminal import progress_bar
 from swarmchase.controllers import ActionChoice, controller_names
 from swarmchase.evaluation.table import evaluate
 from swarmchase.evaluation.tables import read_rows
@@ -222,18 +221,6 @@ def test_evaluate_shows_people_a_table(folder: Path, capsys: pytest.CaptureFixtu
         assert shown in output.err
     assert max(map(len, output.err.splitlines())) <= 80
     assert list(folder.iterdir()) == []
-
-
-def test_a_bar_appears_with_the_first_news_of_work(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress_bar("waiting", 10, "chases/s"):
-        pass
-    assert capsys.readouterr().err == ""
-    with progress_bar("working [bold]", 10, "chases/s") as show:
-        show(0, "-", "")
-        show(10, "5.0", "done")
-    told = capsys.readouterr().err
-    assert "working [bold]" in told  # a controller's path is no markup
-    assert "10/10" in told
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from typing import Any
 
 from ..errors import InputError
 from .options import ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .progress import progress_bar
+from .terminal import CONSOLE, print_json
 
 
 @dataclass(frozen=True, kw_only=True)

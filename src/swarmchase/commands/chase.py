@@ -11,7 +11,8 @@ from ..errors import InputError
 from ..files import require_writable_file
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions, explain_choice
-from .terminal import CONSOLE, print_json, progress_bar, tell_replaced
+from .progress import progress_bar
+from .terminal import CONSOLE, print_json, tell_replaced
 
 TOLD_EVERY_S = 1.0
 """Of the chase's own time, where it is measured by the clock: at most one line."""

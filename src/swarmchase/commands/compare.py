@@ -10,7 +10,8 @@ from rich.markdown import Markdown
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, SettingsOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .terminal import CONSOLE, print_json, refusals_held_back, tell_replaced
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept

@@ -12,7 +12,8 @@ from ..files import require_writable_file
 from ..reports.intervals import shown_errors, shown_interval, shown_share
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ClusterOptions, ControllerName, ScenarioOptions, explain_choice
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .terminal import CONSOLE, print_json, refusals_held_back
 
 NOTHING_IS_KEPT = "nothing is kept, since those that end first are the short ones"
 

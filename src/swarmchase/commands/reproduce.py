@@ -8,7 +8,8 @@ from rich.markdown import Markdown
 
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced, warn
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .terminal import CONSOLE, print_json, refusals_held_back, tell_replaced, warn
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept

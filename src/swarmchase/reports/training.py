@@ -58,11 +58,10 @@ def _draw_movements(axes: Axes, evaluations: Sequence[dict[str, Any]]) -> None:
     seen.
     """
     update = [evaluation["update"] for evaluation in evaluations]
-    for measure, label, look in (
-        ("movements_p90", "90th percentile", {"color": "black", "marker": "o", "ms": 6, "mfc": "none"}),
-        ("movements_mean", "mean", {"color": "#0072B2", "linestyle": "--", "marker": "s", "ms": 2.5}),
-    ):
-        axes.plot(update, [evaluation[measure] for evaluation in evaluations], label=label, **look)
+    percentile: dict[str, Any] = {"label": "90th percentile", "color": "black", "marker": "o", "ms": 6, "mfc": "none"}
+    mean: dict[str, Any] = {"label": "mean", "color": "#0072B2", "linestyle": "--", "marker": "s", "ms": 2.5}
+    for measure, look in (("movements_p90", percentile), ("movements_mean", mean)):
+        axes.plot(update, [evaluation[measure] for evaluation in evaluations], **look)
     axes.set(xlabel="updates of the global networks", ylabel="movements")
     end_at_a_tick(axes)
     axes.legend(frameon=False)

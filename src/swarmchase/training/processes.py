@@ -44,6 +44,12 @@ class _Channels:
     checkpoints_asked: torch.Tensor
     environment_steps: torch.Tensor
     """Movements made by each local agent in this session."""
+    evaluating: torch.Tensor
+    """Chases that have ended of the evaluation under way, and all of them: 0 where none is."""
+
+    def tell_evaluating(self, ended: int, chases: int) -> None:
+        """The auxiliary agent's."""
+        self.evaluating.copy_(torch.tensor([ended, chases]))
 
 
 @dataclass(frozen=True)
@@ -87,6 +93,7 @@ def run_processes(run: TrainingRun) -> None:
         stop=_shared_zeros(1),
         checkpoints_asked=_shared_zeros(1),
         environment_steps=_shared_zeros(settings.num_agents),
+        evaluating=_shared_zeros(2),
     )
     arguments = (run.scenarios, settings, run.shared, channels)
     first_evaluation = next_evaluation(int(run.shared.updates), settings)
@@ -205,7 +212,11 @@ def _supervise(run: TrainingRun, channels: _Channels, mailbox: _Mailbox, process
             stop_by_s = min(stop_by_s, time.monotonic() + STOP_LIMIT_S)
         if time.monotonic() > stop_by_s:
             break
-        run.show()
+        ended, chases = channels.evaluating.tolist()
+        if chases > 0:
+            run.evaluating(ended, chases)
+        else:
+            run.show()
         time.sleep(POLL_S)
     _require_health(processes)
     if len(snapshots) == run.settings.num_agents:
@@ -315,5 +326,6 @@ def _auxiliary_agent_process(
             if channels.stop and not global_agent.finished:
                 break
             next_update = next_evaluation(global_agent.updates, settings)
-            evaluation = evaluator.evaluate(global_agent.snapshot())
+            evaluation = evaluator.evaluate(global_agent.snapshot(), channels.tell_evaluating)
+            channels.tell_evaluating(0, 0)
             outbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))
