@@ -30,9 +30,7 @@ def plain(shown: io.StringIO) -> list[str]:
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.getvalue()).replace("\r", "\n").splitlines()
 
 
-def test_nothing_is_shown_before_the_work_has_begun(
-    capsys: pytest.CaptureFixture[str], terminal: io.StringIO
-) -> None:
+def test_nothing_is_shown_before_the_work_has_begun(capsys: pytest.CaptureFixture[str], terminal: io.StringIO) -> None:
     with progress_bar("waiting", 10, "chases/s"):
         pass
     assert terminal.getvalue() == ""

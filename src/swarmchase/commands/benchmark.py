@@ -12,7 +12,8 @@ from typing import Any
 from ..errors import InputError
 from .options import ScenarioOptions
 from .progress import progress_bar
-from .terminal import CONSOLE, print_json
+from .tables import print_table
+from .terminal import print_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,7 @@ class _BenchmarkCommand:
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(benchmark.table(result))
+            print_table(benchmark.table(result))
         return result
 
 
@@ -108,7 +109,7 @@ class _LiveChasesCommand(ScenarioOptions):
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(benchmark.table(result))
+            print_table(benchmark.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +163,7 @@ class BenchmarkSeparationCommand:
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(separation.table(result))
+            print_table(separation.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +191,7 @@ class BenchmarkSoakCommand(ScenarioOptions):
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(soak.table(result))
+            print_table(soak.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,6 +83,7 @@ class Evaluation:
             "episodes": len(self.chases),
             "seed": self.seed,
             "success_rate": reached / len(self.chases),
+            "success_rate_ci95": share_interval(reached, len(self.chases)),
             "movements_mean": float(movements.mean()),
             "movements_mean_ci95": mean_interval(movements),
             "movements_p50": nearest_rank_percentile(movements, 50),
