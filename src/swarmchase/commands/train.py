@@ -25,7 +25,8 @@ class _TrainOptions:
     folder: Path
     """Folder of the run: best.safetensors, resume.safetensors, training.jsonl and TensorBoard events."""
     resume: bool = False
-    """Go on with the run in the folder; give the same options as before."""
+    """Go on with the run in the folder; give the same options as before. More updates make it longer, unless it has a
+    final learning rate."""
     initial_weights: Path | None = None
     """Begin from this weights file instead of drawing the weights anew."""
     learning_rate: float | None = None

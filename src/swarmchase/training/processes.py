@@ -19,6 +19,7 @@ import torch
 from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
 from ..processes.children import begin_child, start_helper, starting_children
+from ..processes.shared_memory import share
 from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
@@ -83,9 +84,11 @@ def run_processes(run: TrainingRun) -> None:
     """Train until the run ends.
 
     Raises:
+        InputError: no room for what the processes share.
         WorkerDiedError: an agent ended unexpectedly.
     """
     settings = run.settings
+    run.shared.share()
     start_helper()
     context: Any = torch.multiprocessing.get_context("spawn")
     channels = _Channels(
@@ -255,8 +258,7 @@ def _casualty(processes: dict[str, Any]) -> str | None:
 
 def _shared_zeros(length: int) -> torch.Tensor:
     zeros = torch.zeros(length, dtype=torch.int64)
-    zeros.share_memory_()  # type: ignore[no-untyped-call]
-    return zeros
+    return share(zeros)
 
 
 @contextlib.contextmanager

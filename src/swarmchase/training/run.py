@@ -86,7 +86,7 @@ class TrainingRun:
         self.schedule = schedule
         self.folder = folder
         self.point = point
-        self.shared = point.parameters.shared(device)
+        self.shared = point.parameters.on(device)
         self.best = point.best
         self.environment_steps = point.environment_steps
         self.request = request

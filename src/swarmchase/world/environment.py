@@ -65,8 +65,9 @@ class State:
     """What the radio carries from window to window."""
 
     def __repr__(self) -> str:
-        chases, made, passed = shown_chases(len(self.movements)), shown_range(self.movements), shown_range(self.time_s)
-        return f"State({chases} after {made} movements, {passed} s: target {shown_range(distance_to_target_m(self))} m away)"
+        after = f"{shown_range(self.movements)} movements, {shown_range(self.time_s)} s"
+        away_m = shown_range(distance_to_target_m(self))
+        return f"State({shown_chases(len(self.movements))} after {after}: target {away_m} m away)"
 
     @property
     def target_position_m(self) -> Float[Tensor, "chase 3"]:
