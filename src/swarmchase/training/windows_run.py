@@ -24,8 +24,8 @@ from ..networks.windows import WindowsNetwork
 from ..processes.stop_request import stop_request
 from ..scenario import NUM_TRACKERS
 from .batched import require_device
-from .run_folder import LOCK_FILE, RESUME_FILE
 from .resumption import require_same_run
+from .run_folder import LOCK_FILE, RESUME_FILE
 from .windows import WindowsSettings, drawn_worlds, reported_db, windows_loss
 
 WEIGHTS_FILE = "best.safetensors"
