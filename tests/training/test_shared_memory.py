@@ -21,5 +21,5 @@ def test_little_shared_memory_is_one_line_and_leaves_no_process(tmp_path: Path) 
     )
     assert ran.returncode == 2
     assert ran.stderr.startswith("swarmchase: no room for 6 MB of memory that processes share, in /dev/shm (1 MB free)")
-    assert ran.stderr.endswith("train in one process (train batched, or train a3c --schedule deterministic)\n")
+    assert ran.stderr.endswith("train in one process: train batched, or train a3c --schedule deterministic\n")
     assert ran.stderr.count("\n") == 1

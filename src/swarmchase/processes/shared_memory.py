@@ -28,6 +28,7 @@ def share(tensor: "torch.Tensor") -> "torch.Tensor":
         needed = f"{tensor.numel() * tensor.element_size() / 1e6:.0f} MB"
         raise InputError(
             f"no room for {needed} of memory that processes share, in {SHARED_MEMORY}{free}: make it larger "
-            "(containers: --shm-size=256m), or train in one process (train batched, or train a3c --schedule deterministic)"
+            "(containers: --shm-size=256m), or train in one process: train batched, or train a3c --schedule "
+            "deterministic"
         ) from None
     return tensor
