@@ -137,7 +137,7 @@ def test_every_ambiguity_names_its_setting() -> None:
 
 DOCUMENTS = [
     *sorted(ROOT.glob("*.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "src/swarmchase/weights").rglob("README.md")),
     ROOT / "tracker/README.md",
 ]
