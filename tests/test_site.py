@@ -94,4 +94,4 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     assert "claims" in (site / "notebooks" / "belief.html").read_text(encoding="utf-8")
     # What pages link to beside them is there.
     assert (site / "repository" / "examples" / "cleanrl_ppo.py").is_file()
-    assert (site / "repository" / "src" / "swarmchase" / "weights" / "README.html").is_file()
+    assert (site / "repository" / "src" / "swarmchase" / "weights" / "index.html").is_file()
