@@ -290,5 +290,5 @@ def test_live_figures_are_the_measured_ones(name: str, rows: str, heading: str) 
     lines = [line for line in text.splitlines() if line.startswith("|")]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
     assert found == getattr(measured, rows)(result)
-    command = f"swarmchase benchmark {name} --chases {result['chases']} --sampling-hz {result['sampling_hz']:g}"
+    command = f"swarmchase benchmark {name} --episodes {result['chases']} --sampling-hz {result['sampling_hz']:g}"
     assert f"{command} --spatial-correlation {result['spatial_correlation']:g}" in text

@@ -168,7 +168,7 @@ def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(
     told = [line for line in lines if " m away" in line]
     assert [line.split(" s  target ")[0].strip() for line in told] == ["0.5", "1.5", "2.5"]
     assert ["closing" in line for line in told] == [False, True, True]
-    for shown in ("Least distance", "Way of the centre", "2.5 s", "target not reached", "6/6"):
+    for shown in ("Least distance", "Way of the centre", "2.5 s", "target not reached", "6 of 6"):
         assert shown in printed.err
     assert (document["format"], document["capture_s"]) == (2, 2.5)
     assert sorted(path.name for path in (folder / "chase-output").iterdir()) == ["chase.json", "chase.png"]
@@ -192,7 +192,7 @@ def test_evaluate_prints_the_promised_keys_and_the_chases_of_its_seed(
     promised = "controller sampling_hz spatial_correlation episodes seed success_rate movements_mean movements_p50"
     assert document.keys() >= {*promised.split(), "movements_p90", "movements_p90_ci95", "movements_max"}
     assert document["tracking_time_mean_s"].keys() == {"2", "5"}
-    assert "12/12" in output.err
+    assert "12 of 12" in output.err
     main(words.replace("--seed 4", "--seed 5").split())
     assert json.loads(capsys.readouterr().out)["movements_mean"] != document["movements_mean"]
 

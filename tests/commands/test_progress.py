@@ -114,3 +114,10 @@ def test_news_of_a_training(
     news: str,
 ) -> None:
     assert _news(TrainingStatus(5, 10, 50, 1.0, last_chase, last_evaluation, evaluating)) == news
+
+
+def test_what_is_interrupted_leaves_the_last_line_to_who_interrupts(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(KeyboardInterrupt), progress_bar("updates", 10, "") as show:
+        show(5, "", "")
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == ""

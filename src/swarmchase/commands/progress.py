@@ -147,7 +147,8 @@ def _lines(task: str, total: int, unit: str) -> Iterator[Show]:
     finally:
         lines.has_ended.set()
         teller.join()
-        lines.tell()
+    # What did not come to its end says so in a line of its own.
+    lines.tell()
 
 
 @contextlib.contextmanager
