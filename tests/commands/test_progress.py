@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Callable
+from typing import NoReturn
 
 import pytest
 from rich.console import Console
@@ -117,7 +118,11 @@ def test_news_of_a_training(
 
 
 def test_what_is_interrupted_leaves_the_last_line_to_who_interrupts(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(KeyboardInterrupt), progress_bar("updates", 10, "") as show:
-        show(5, "", "")
-        raise KeyboardInterrupt
+    def work() -> NoReturn:
+        with progress_bar("updates", 10, "") as show:
+            show(5, "", "")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
     assert capsys.readouterr().err == ""
