@@ -126,8 +126,9 @@ def test_chase_tells_logs_draws_and_prints_one_object(tmp_path: Path) -> None:
     chase = evaluate(paper_scenario(), "oracle", episodes=6, seed=3).chases[5]
     assert (document["movements"], document["reached"]) == (chase.movements, True)
     assert (document["seed"], document["chase"], document["controller"]) == (3, 5, "oracle")
-    told = [line for line in ran.stderr.splitlines() if " m away" in line]
-    assert len(told) == chase.movements + 2  # the introduction, the start and every movement
+    told = [line for line in ran.stderr.splitlines() if " dBm  " in line]
+    assert len(told) == chase.movements + 1  # the start and every movement
+    assert max(map(len, ran.stderr.splitlines())) <= 80
     assert told[-1].endswith("reached")
     assert "Traceback" not in ran.stderr
     made = tmp_path / "chase-output"
@@ -160,14 +161,16 @@ def test_a_chase_by_the_clock_is_told_by_the_second_and_filmed(
     main([*words.split(), "--seed", "2", "--json", "--animation", "films/chase.gif"])
     printed = capsys.readouterr()
     document = json.loads(printed.out)
-    opening, *lines = printed.err.splitlines()
-    assert opening == (
+    opening, _, rest = printed.err.partition("\n\n")
+    lines = rest.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert " ".join(opening.split()) == (
         "The target is 60 to 300 m away in an unknown direction and flies (flee) at up to 5 m/s. Six trackers fly at "
         "up to 10 m/s and listen on their way: 20 samples a second, a decision every 0.5 s."
     )
     told = [line for line in lines if " m away" in line]
-    assert [line.split(" s  target ")[0].strip() for line in told] == ["0.5", "1.5", "2.5"]
-    assert ["closing" in line for line in told] == [False, True, True]
+    assert [line.split(" s  ")[0].strip() for line in told] == ["0.5", "1.5", "2.5"]
+    assert ["m/s" in line for line in told] == [False, True, True]
     for shown in ("Least distance", "Way of the centre", "2.5 s", "target not reached", "6 of 6"):
         assert shown in printed.err
     assert (document["format"], document["capture_s"]) == (2, 2.5)
