@@ -19,8 +19,8 @@ from swarmchase.scenario import paper_scenario
 from swarmchase.world.departures import departed
 
 WIDTH = 80
-CONTROLLERS = ("multilateration-unknown-power", "particle-unknown-power", "oracle", "random", "gradient")
-NEAR = paper_scenario(start_distance_m=8.0, max_movements=20)
+CONTROLLERS = ("multilateration-unknown-power", "particle", "oracle", "gradient")
+NEAR = paper_scenario(start_distance_m=8.0, max_movements=6)
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -36,7 +36,7 @@ def cells(lines: list[str]) -> set[str]:
 def results(worlds: tuple[str, ...], frequencies_hz: tuple[float, ...]) -> list[Result]:
     found = []
     for hertz, world_name, name in itertools.product(frequencies_hz, worlds, CONTROLLERS):
-        told = paper_scenario(start_distance_m=8.0, max_movements=20, sampling_hz=hertz)
+        told = paper_scenario(start_distance_m=8.0, max_movements=6, sampling_hz=hertz)
         world = departed(told, world_name)
         found.append(Result(Place(told, world_name, world), evaluate(told, name, 2, 1, world=world)))
     return found

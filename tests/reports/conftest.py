@@ -1,5 +1,6 @@
 """What tests of figures share."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,3 +19,16 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
     monkeypatch.setattr(Figure, "savefig", remember)
     return saved
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Those that are saved, which are not painted: their files are empty."""
+    kept: list[Figure] = []
+
+    def remember(figure: Figure, path: Path, **options: Any) -> None:
+        kept.append(figure)
+        path.touch()
+
+    monkeypatch.setattr(Figure, "savefig", remember)
+    return kept

@@ -60,21 +60,21 @@ COMPARISONS: dict[str, tuple[Callable[[], list[Result]], set[str]]] = {
 
 
 @pytest.mark.parametrize("situation", COMPARISONS)
-def test_comparisons(situation: str, tmp_path: Path, figures: list[Figure]) -> None:
+def test_comparisons(situation: str, tmp_path: Path, kept: list[Figure]) -> None:
     make, kinds = COMPARISONS[situation]
     results = make()
     draw_results(tmp_path, results, summaries(results))
     assert kinds <= {path.stem for path in tmp_path.glob("*.png")}
-    for figure in figures:
+    for figure in kept:
         require_tidy(figure)
         assert figure.legends[0].get_title().get_text() in (BANDS, BARS)  # what is shaded or barred has a name
 
 
-def test_controllers_at_one_frequency_lie_beside_one_another(tmp_path: Path, figures: list[Figure]) -> None:
+def test_controllers_at_one_frequency_lie_beside_one_another(tmp_path: Path, kept: list[Figure]) -> None:
     results = [result(NEAR, name) for name in ("gradient", "oracle", "random")]
     rows = summaries(results)
     draw_results(tmp_path, results, rows)
-    [axes] = next(figure for figure in figures if "90th percentile" in figure.axes[0].get_xlabel()).axes
+    [axes] = next(figure for figure in kept if "90th percentile" in figure.axes[0].get_xlabel()).axes
     drawn = {label.get_text(): tick for label, tick in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
     places = {tuple(np.asarray(line.get_xydata())[0]) for line in axes.lines if line.get_marker() in ("o", "s", "_")}
     assert places == {(row["movements_p90"], drawn[row["controller"]]) for row in rows}
@@ -91,53 +91,53 @@ EVALUATIONS = [
 @pytest.mark.parametrize(
     ("num_chases", "num_evaluations"), [(0, 1), (0, 3), (1, 0), (1, 1), (2, 1), (250, 0), (250, 3)]
 )
-def test_trainings(num_chases: int, num_evaluations: int, tmp_path: Path, figures: list[Figure]) -> None:
+def test_trainings(num_chases: int, num_evaluations: int, tmp_path: Path, kept: list[Figure]) -> None:
     draw_training(CHASES[:num_chases], EVALUATIONS[:num_evaluations], tmp_path / "training.png")
-    require_tidy(figures[0])
-    assert len(figures[0].axes) == (num_chases > 0) + (num_evaluations > 0)
+    require_tidy(kept[0])
+    assert len(kept[0].axes) == (num_chases > 0) + (num_evaluations > 0)
 
 
-def test_a_percentile_that_equals_the_mean_is_seen_around_it(tmp_path: Path, figures: list[Figure]) -> None:
+def test_a_percentile_that_equals_the_mean_is_seen_around_it(tmp_path: Path, kept: list[Figure]) -> None:
     draw_training([], EVALUATIONS, tmp_path / "training.png")
-    percentile, mean = figures[0].axes[0].lines
+    percentile, mean = kept[0].axes[0].lines
     assert percentile.get_markersize() > 2 * mean.get_markersize()
     assert percentile.get_markerfacecolor() == "none"
     assert mean.get_linestyle() == "--"  # over a line without gaps
 
 
-def test_clusters(tmp_path: Path, figures: list[Figure]) -> None:
+def test_clusters(tmp_path: Path, kept: list[Figure]) -> None:
     draw_scaling(json.loads(CLUSTER.read_text()), tmp_path / "scaling.png")
     for behind in ([0], [0, 0, 3, 7, 7, 7, 1]):
         gradients = [{"update": update, "updates_behind": updates} for update, updates in enumerate(behind)]
         draw_staleness(gradients, tmp_path / "staleness.png")
-    for figure in figures:
+    for figure in kept:
         require_tidy(figure)
 
 
-def test_a_chase_has_as_many_movements_as_it_says(tmp_path: Path, figures: list[Figure]) -> None:
+def test_a_chase_has_as_many_movements_as_it_says(tmp_path: Path, kept: list[Figure]) -> None:
     """Windows lie around their movement: the last one must not look like one movement more."""
     oracle = load_controller("oracle", NEAR)
     save_chase_log(tmp_path / "chase.json", chase_log(NEAR, oracle, 1, 2, list(run_chase(NEAR, oracle, 1, 2))))
     log = json.loads((tmp_path / "chase.json").read_text())
     draw_chase(log, tmp_path / "chase.png")
-    require_tidy(figures[0])
-    _path, levels, distance, spacing = figures[0].axes
+    require_tidy(kept[0])
+    _path, levels, distance, spacing = kept[0].axes
     for axes in (levels, distance, spacing):
         low, high = axes.get_xlim()
         assert (low, high) == (-0.5, log["movements"] + 0.5)
         assert max(tick for tick in axes.get_xticks() if low <= tick <= high) <= log["movements"]
 
 
-def test_scenarios_and_behaviours(tmp_path: Path, figures: list[Figure]) -> None:
+def test_scenarios_and_behaviours(tmp_path: Path, kept: list[Figure]) -> None:
     logs = {}
     for name, world in (("paper", NEAR), ("flight", FLIGHT)):
         oracle = load_controller("oracle", world)
         logs[name] = [chase_log(world, oracle, 0, chase, list(run_chase(world, oracle, 0, chase))) for chase in (0, 1)]
     draw_scenarios(logs, tmp_path / "scenarios.png", "title")
     draw_behaviours({"hover": logs["flight"][0]}, tmp_path / "behaviours.png", "title")
-    for figure in figures:
+    for figure in kept:
         require_tidy(figure)
-    named = {text.get_text() for text in figures[0].legends[0].get_texts()}
+    named = {text.get_text() for text in kept[0].legends[0].get_texts()}
     assert {"heard by +x", "heard by -x", "where targets may start; altitudes at which they fly"} < named
 
 
