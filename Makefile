@@ -21,7 +21,7 @@ test: $(VENV)/.installed-dev
 # The documentation as a site: open site/index.html. Warnings are errors.
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(VENV)/.installed-docs
-	$(BIN)/python -m mkdocs build --quiet
+	$(BIN)/python -m mkdocs build --strict
 
 $(VENV)/bin/python: | check-python
 	@echo "== making a virtual environment in $(VENV)/"

@@ -30,6 +30,7 @@ SUBJECTS = {
     "LinkOptions": "Link and keys",
     "OperatorSettings": "How the chase is flown",
     "LimitValues": "Limits",
+    "OutputOptions": "Where else it is shown",
     "ConfigurationOptions": "Options from a file",
 }
 """Options of other classes are the command's own."""

@@ -112,5 +112,3 @@ def line_printer() -> Iterator[Callable[[str], None]]:
         with contextlib.suppress(queue.Full):
             lines.put_nowait(None)
         thread.join(LAST_LINES_S)
-
-
