@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: chase test check-python tag clean
+.PHONY: chase test docs check-python tag clean
 
 chase: $(VENV)/.installed
 	$(BIN)/swarmchase chase --controller paper
@@ -18,6 +18,11 @@ test: $(VENV)/.installed-dev
 	wait $$types || { echo "== types are wrong: see above"; exit 1; }; \
 	exit $$tests
 
+# The documentation as a site: open site/index.html. Warnings are errors.
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m mkdocs build --strict
+
 $(VENV)/bin/python: | check-python
 	@echo "== making a virtual environment in $(VENV)/"
 	@$(PYTHON) -m venv $(VENV)
@@ -31,6 +36,11 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "== installing swarmchase and its test tools into $(VENV)/ (PyTorch is large: some minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-docs: pyproject.toml constraints.txt | $(VENV)/.installed
+	@echo "== installing what makes the site of the documentation"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
 
 check-python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "swarmchase needs Python 3.11 or newer, and $(PYTHON) is " + sys.version.split()[0] + "; give another with: make PYTHON=python3.12 ...")'

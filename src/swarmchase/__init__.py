@@ -12,9 +12,13 @@ if TYPE_CHECKING:
     from .controllers import Controller as Controller
     from .controllers import load_controller as load_controller
     from .errors import InputError as InputError
+    from .evaluation.chases import run_chases as run_chases
+    from .evaluation.table import Evaluation as Evaluation
+    from .evaluation.table import evaluate as evaluate
     from .formation import Action as Action
     from .observation import Observation as Observation
     from .scenario import Scenario as Scenario
+    from .scenario import load_scenario as load_scenario
     from .scenario import paper_scenario as paper_scenario
     from .world.environment import Environment as Environment
 
@@ -24,11 +28,15 @@ _HOME = {
     "Action": "formation",
     "Controller": "controllers",
     "Environment": "world.environment",
+    "Evaluation": "evaluation.table",
     "InputError": "errors",
     "Observation": "observation",
     "Scenario": "scenario",
+    "evaluate": "evaluation.table",
     "load_controller": "controllers",
+    "load_scenario": "scenario",
     "paper_scenario": "scenario",
+    "run_chases": "evaluation.chases",
 }
 
 __all__ = [  # noqa: PLE0604 (the names below are made by __getattr__)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from .commands.catalogue import COMMANDS, kind, members
+from .commands.help import print_options
 from .commands.overview import print_group, print_overview
 from .commands.running import Command, exit_codes, parsed, run
 from .errors import InputError
@@ -44,7 +45,11 @@ def _parsed(words: list[str]) -> tuple[str, Command]:
     name, *options = [pair, *words[2:]] if pair in COMMANDS else words or [""]
     if name not in COMMANDS:
         _answer_or_refuse(name, options)
-    return name, parsed(kind(name), f"swarmchase {name}", options)
+    command, program = kind(name), f"swarmchase {name}"
+    if any(word in HELP for word in options):
+        print_options(program, command)
+        sys.exit(0)
+    return name, parsed(command, program, options)
 
 
 def _answer_or_refuse(word: str, others: list[str]) -> NoReturn:

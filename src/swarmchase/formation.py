@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 
 from .batch.array_types import Float, Int, Tensor
+from .batch.shown import shown_chases, shown_range
 from .flight import direction
 from .scenario import Scenario
 
@@ -15,9 +16,15 @@ TRACKER_DIRECTION = torch.tensor(
 """Tracker u = 0..5 sits at +x, -x, +y, -y, +z, -z of the centre."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Action:
-    """What the controller decides for each chase of a batch."""
+    """What the controller decides for each chase of a batch.
+
+    >>> Action(torch.tensor([5.0]), torch.tensor([[4.0, -4.0, 0.0]]))
+    Action(1 chase: spacing 5 m, displacement (4, -4, 0) m)
+    >>> Action(torch.tensor([5.0, 1.0]), torch.tensor([[4.0, -4.0, 0.0], [0.0, 0.0, 2.0]]))
+    Action(2 chases: spacing 1 to 5 m, displacement 2 to 5.66 m)
+    """
 
     spacing_m: Float[Tensor, "chase"]
     """Distance of every tracker from the centre: one of A^d, or in flight any between them."""
@@ -25,6 +32,16 @@ class Action:
     """Movement of the centre: each axis one of A^x, A^y, A^z, or in flight any that its speed permits."""
     turn_rad: Float[Tensor, "chase"] | None = None
     """In flight, how far the cross turns about its vertical on its way, from +x towards +y; None where it does not."""
+
+    def __repr__(self) -> str:
+        chases = len(self.spacing_m)
+        if chases == 1:
+            moved = "(" + ", ".join(f"{metres:.3g}" for metres in self.displacement_m[0].tolist()) + ")"
+        else:
+            moved = shown_range(self.displacement_m.norm(dim=1))
+        turn = "" if self.turn_rad is None else f", turn {shown_range(self.turn_rad)} rad"
+        spacing = shown_range(self.spacing_m)
+        return f"Action({shown_chases(chases)}: spacing {spacing} m, displacement {moved} m{turn})"
 
 
 def tracker_position_m(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from .batch.array_types import Bool, Float, Tensor
+from .batch.shown import shown_chases
 from .errors import InputError
 from .levels import FEWEST_TO_COMPARE, WILD_DB, highest_dbm, is_level, quartile_place
 from .scenario import Scenario
@@ -16,9 +17,14 @@ LONGEST_S = 60.0
 """A longer time between two samples or two decisions counts as this."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Observation:
     """One window of every chase in a batch.
+
+    >>> heard_dbm = torch.full((2, 50, 6), -71.5)
+    >>> heard_dbm[0, :, 3] = torch.nan
+    >>> Observation(heard_dbm, tracker_position_m=torch.zeros(2, 50, 6, 3))
+    Observation(2 chases, 50 samples, 6 trackers: -71.5 to -71.5 dBm, 8 % missing)
 
     Raises:
         InputError: shapes that do not belong together.
@@ -41,6 +47,15 @@ class Observation:
             raise InputError(
                 f"time_s {tuple(self.time_s.shape)} must be [chase, sample] of rssi_dbm {tuple(self.rssi_dbm.shape)}"
             )
+
+    def __repr__(self) -> str:
+        chases, samples, trackers = self.rssi_dbm.shape
+        heard_dbm = self.rssi_dbm[~self.rssi_dbm.isnan()]
+        levels = f"{heard_dbm.min():.1f} to {heard_dbm.max():.1f} dBm" if len(heard_dbm) else "nothing heard"
+        missing = 1 - len(heard_dbm) / max(self.rssi_dbm.numel(), 1)
+        times = "" if self.time_s is None else ", with times"
+        size = f"{shown_chases(chases)}, {samples} samples, {trackers} trackers"
+        return f"Observation({size}: {levels}, {100 * missing:.0f} % missing{times})"
 
 
 def checked_observation(observation: Observation, scenario: Scenario) -> Observation:

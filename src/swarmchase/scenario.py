@@ -52,9 +52,14 @@ def _departure(default: Any, allowed: Any, source: str, meaning: str) -> Any:
     return field(default=default, metadata=about)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Scenario:
     """The world of one chase. Each field's metadata holds its symbol, source, meaning and allowed range.
+
+    Printed, it shows F, rho and what else is not as in the paper:
+
+    >>> Scenario(sampling_hz=20.0, shadowing_db=4.0)
+    Scenario(sampling_hz=20.0, spatial_correlation=0.9, shadowing_db=4.0)
 
     Raises:
         InputError: a value of the wrong type or outside its range.
@@ -215,6 +220,15 @@ class Scenario:
             value = _checked(constant, getattr(self, constant.name))
             object.__setattr__(self, constant.name, value)
 
+    def __repr__(self) -> str:
+        shown_fields = [
+            f"{constant.name}={value!r}"
+            for constant in dataclasses.fields(self)
+            for value in (getattr(self, constant.name),)
+            if constant.name in ("sampling_hz", "spatial_correlation") or value != constant.default
+        ]
+        return f"Scenario({', '.join(shown_fields)})"
+
     @property
     def window_s(self) -> float:
         """Time to hear one window, L / F (Section IV, tau(M, F))."""
@@ -297,7 +311,20 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def paper_scenario(**changes: Any) -> Scenario:
-    """Table I of the paper, with the named fields changed (usually ``sampling_hz`` and ``spatial_correlation``)."""
+    """Table I of the paper, with the named fields changed (usually ``sampling_hz`` and ``spatial_correlation``).
+
+    >>> scenario = paper_scenario(sampling_hz=100, spatial_correlation=0.5)
+    >>> scenario
+    Scenario(sampling_hz=100.0, spatial_correlation=0.5)
+    >>> scenario.window_s
+    0.5
+    >>> paper_scenario(spatial_correlation=1.5)
+    Traceback (most recent call last):
+    swarmchase.errors.InputError: spatial_correlation = 1.5 is refused: allowed is between 0 and 1
+
+    Raises:
+        InputError: no such field, or a value of the wrong type or outside its range.
+    """
     return Scenario.from_dict(changes)
 
 

@@ -195,8 +195,12 @@ def invented() -> list[Result]:
     ]
 
 
+def markdown(rows: list[dict[str, Any]]) -> dict[str, str]:
+    return {name: table.markdown() for name, table in comparison_tables(rows).items()}
+
+
 def test_the_tables_by_hand() -> None:
-    tables = comparison_tables(summaries(invented(), {("particle", "F10-rho0.5"): (1.25, 2.5)}))
+    tables = markdown(summaries(invented(), {("particle", "F10-rho0.5"): (1.25, 2.5)}))
     assert tables["90th percentile of movements"].splitlines() == [
         "| rho | F (Hz) | `recurrent` | `particle` |",
         "|---|---|---|---|",
@@ -207,7 +211,7 @@ def test_the_tables_by_hand() -> None:
     assert tables["difference of the 90th percentile from recurrent"].splitlines()[2] == "| 0.5 | 10 | +10 [10, 10] |"
     assert tables["difference of the mean from recurrent"].splitlines()[3] == "| 0.5 | 100 | +10.00 [10.00, 10.00] |"
     assert tables["milliseconds a decision: median, 99th percentile"].splitlines()[2:] == ["| 0.5 | 10 | 1.2, 2.5 |"]
-    assert tables["reached"].splitlines()[2] == "| 0.5 | 10 | 100.00 % | 100.00 % |"
+    assert tables["reached"].splitlines()[2] == "| 0.5 | 10 | 100.00 % [96.38, 100.00] | 100.00 % [96.38, 100.00] |"
 
 
 @pytest.mark.usefixtures("few_timed")
@@ -222,7 +226,7 @@ def test_where_the_clock_measures_the_seconds_come_first(tmp_path: Path) -> None
     assert intercept["capture_s_mean"] < pursuit["capture_s_mean"] < blind["capture_s_mean"] == 60
     assert blind["captured_within_s"] == {"60": 0, "120": 0, "300": 0}
     assert pursuit["captured_within_s_ci95"]["60"] == pytest.approx(share_interval(10, 10))
-    tables = comparison_tables([intercept, pursuit, blind])
+    tables = markdown([intercept, pursuit, blind])
     assert next(iter(tables)) == "seconds until the capture, mean"
     assert tables["captured within 60 s"].splitlines()[2].endswith("| 0.0 % [0.0, 30.8] |")
     assert sorted(path.name for path in tmp_path.glob("*.p*")) == [
@@ -254,7 +258,7 @@ def test_a_belief_stands_in_table_document_and_figure_of_those_that_have_one(tmp
     assert back[1].evaluation.chases[1].belief_decisions is None
     assert "belief_coverage_95" not in rows[1]
     assert rows[0]["belief_coverage_95_ci95"] == [0.5, 0.5]
-    tables = {name: table.splitlines()[0::2] for name, table in comparison_tables(rows).items() if "belief" in name}
+    tables = {name: table.splitlines()[0::2] for name, table in markdown(rows).items() if "belief" in name}
     head = "| rho | F (Hz) | `particle` |"
     assert tables == {
         "belief: target in its 95 % region": [head, "| 0.9 | 10 | 50.0 % [50.0, 50.0] |"],
@@ -264,14 +268,17 @@ def test_a_belief_stands_in_table_document_and_figure_of_those_that_have_one(tmp
     }
     figure = belief_figure({("particle", 10.0, 0.9, AS_TOLD): [3.0, 5.0]})
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "particle"]
-    assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.5], [5.0, 1.0]]
+    assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.0], [3.0, 0.5], [5.0, 1.0]]
 
 
 def test_worlds_stand_in_the_table_where_there_are_several() -> None:
     rows = summaries([result("particle", [30, 40]), result("particle", [50, 501], world_name="6 dB weaker")])
-    lines = comparison_tables(rows)["reached"].splitlines()
+    lines = markdown(rows)["reached"].splitlines()
     assert lines[0] == "| rho | F (Hz) | world | `particle` |"
-    assert lines[2:] == ["| 0.5 | 10 | as told | 100.00 % |", "| 0.5 | 10 | 6 dB weaker | 50.00 % |"]
+    assert lines[2:] == [
+        "| 0.5 | 10 | as told | 100.00 % [15.81, 100.00] |",
+        "| 0.5 | 10 | 6 dB weaker | 50.00 % [1.26, 98.74] |",
+    ]
 
 
 def movements_of(results: list[Result]) -> dict[tuple[str, float, float, str], list[int]]:
@@ -297,7 +304,7 @@ def test_the_figures_show_every_controller_and_the_papers_points() -> None:
     figure = distribution_figure(movements_of(invented()))
     assert [axes.get_title() for axes in figure.axes] == ["F = 10 Hz, ρ = 0.5", "F = 100 Hz, ρ = 0.5"]
     curve = next(line for line in figure.axes[1].get_lines() if line.get_label() == "particle")
-    assert np.asarray(curve.get_xdata()).tolist() == sorted([32 + number % 10 for number in range(100)])
+    assert np.asarray(curve.get_xdata())[1:].tolist() == sorted([32 + number % 10 for number in range(100)])
     weaker = summaries([result("particle", [30, 40]), result("particle", [50, 501], world_name="6 dB weaker")])
     axes = world_figure(weaker).axes[0]
     assert [text.get_text() for text in axes.get_yticklabels()] == ["as told", "6 dB weaker"]
@@ -337,7 +344,7 @@ def test_the_command_leaves_table_report_figures_and_one_json_list(
     }
     assert matplotlib.image.imread(folder / f"{second}.png").std() > 0.01
     report = (folder / "comparison.md").read_text()
-    read = comparison_tables(summaries(read_results(folder / TABLE_FILE)))
+    read = markdown(summaries(read_results(folder / TABLE_FILE)))
     assert all(table in report for table in read.values())
 
 

@@ -169,7 +169,7 @@ def test_summary_of_four_chases_by_pencil() -> None:
 def test_summary_of_one_chase_is_json_and_a_table() -> None:
     row = Evaluation(paper_scenario(), "oracle", None, 3, FOUR_CHASES[:1]).summary()
     assert json.loads(json.dumps(row, allow_nan=False))["movements_mean_ci95"] is None
-    shown = dict(zip(*(map(str, column.cells) for column in summary_table([row]).columns), strict=True))
+    shown = dict(zip(*(map(str, column.cells) for column in summary_table(row).columns), strict=True))
     assert shown["movements, mean"] == "20.0"  # no interval
     assert shown["movements, 90th percentile"] == "20 [20, 20]"
 

@@ -16,6 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image, ImageSequence
 
+from figure_checks import require_tidy
 from swarmchase.controllers import load_controller
 from swarmchase.errors import InputError
 from swarmchase.evaluation.chase_log import chase_log, run_chase, save_chase_log
@@ -64,44 +65,6 @@ def log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 @pytest.fixture(scope="module")
 def captured(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return log_of(*SITUATIONS["captured"], tmp_path_factory.mktemp("log") / "chase.json")
-
-
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Those that are saved."""
-    saved: list[Figure] = []
-    save = Figure.savefig
-
-    def remember(figure: Figure, *arguments: Any, **options: Any) -> None:
-        saved.append(figure)
-        save(figure, *arguments, **options)
-
-    monkeypatch.setattr(Figure, "savefig", remember)
-    return saved
-
-
-def require_tidy(figure: Figure) -> None:
-    """Every panel shows something, nothing of it lies outside its panel, and no text outside the figure."""
-    figure.draw_without_rendering()
-    for axes in figure.axes:
-        drawn = [line for line in axes.lines if np.isfinite(np.asarray(line.get_xydata(), dtype=float)).all(1).any()]
-        assert drawn, axes.get_ylabel()
-        frame = axes.get_window_extent()
-        for line in drawn:
-            x, y = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)).T
-            reach = line.get_markersize() / 2 * figure.dpi / 72 if line.get_marker() not in (None, "None", "|") else 0
-            x, y = x[np.isfinite(x + y)], y[np.isfinite(x + y)]
-            assert frame.x0 - 1 <= x.min(), axes.get_ylabel()
-            assert x.max() + reach <= frame.x1 + 1, axes.get_ylabel()
-            assert frame.y0 - 1 <= y.min() - reach, axes.get_ylabel()
-            assert y.max() + reach <= frame.y1 + 1, axes.get_ylabel()
-        for text in axes.texts:
-            box = text.get_window_extent()
-            assert frame.x0 - 1 <= box.x0 <= box.x1 <= frame.x1 + 1, text.get_text()
-            assert frame.y0 - 1 <= box.y0 <= box.y1 <= frame.y1 + 1, text.get_text()
-    box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert -0.01 <= box.x0 <= box.x1 <= width + 0.01
-    assert -0.01 <= box.y0 <= box.y1 <= height + 0.01
 
 
 def test_the_picture_is_a_column_wide_and_nothing_lies_outside_its_panel(

@@ -41,8 +41,11 @@ SETTINGS = TrainingSettings(
 def train(folder, settings=SETTINGS, resume=False, interrupt_at=None, scenario=WORLD):
     """Run to the end, or until Ctrl-C after so many updates."""
 
+    interrupted = []
+
     def progress(status):
-        if status.updates == interrupt_at:
+        if status.updates == interrupt_at and not interrupted:  # a second one would end it at once
+            interrupted.append(status)
             signal.raise_signal(signal.SIGINT)
 
     return train_a3c(scenario, settings, folder, "deterministic", resume, progress)
@@ -157,15 +160,41 @@ def test_a_folder_without_a_run_is_not_resumed(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "scenario", "says"),
     [
-        (dataclasses.replace(SETTINGS, learning_rate=2e-3), WORLD, "another settings"),
-        (dataclasses.replace(SETTINGS, losses=LossSettings(discount=0.5)), WORLD, "another settings"),
-        (dataclasses.replace(SETTINGS, num_agents=2), WORLD, "another settings"),
-        (SETTINGS, dataclasses.replace(WORLD, rician_k=4.0), "another scenario"),
+        (dataclasses.replace(SETTINGS, learning_rate=2e-3), WORLD, "learning_rate = 0.001 there and 0.002 here"),
+        (
+            dataclasses.replace(SETTINGS, losses=LossSettings(discount=0.5), num_agents=2),
+            WORLD,
+            "agents = 3 there and 2 here, discount = 0.99 there and 0.5 here",
+        ),
+        (SETTINGS, dataclasses.replace(WORLD, rician_k=4.0), "rician_k = 3.0 there and 4.0 here"),
+        # What is as in the paper is in no file.
+        (SETTINGS, dataclasses.replace(WORLD, shadowing_db=2.0), "shadowing_db = 0.0 there and 2.0 here"),
+        (dataclasses.replace(SETTINGS, max_updates=11), WORLD, "updates = 12 there and 11 here"),
+        # Its learning rates would have been others.
+        (
+            dataclasses.replace(SETTINGS, max_updates=13, final_learning_rate=1e-5),
+            WORLD,
+            "final_learning_rate = None there and 1e-05 here, updates = 12 there and 13 here",
+        ),
     ],
 )
-def test_a_run_is_not_resumed_with_other_settings(undisturbed, settings, scenario, says):
-    with pytest.raises(InputError, match=says):
+def test_a_run_is_not_resumed_with_other_options_and_says_which(undisturbed, settings, scenario, says):
+    with pytest.raises(InputError) as refusal:
         train(undisturbed[1], settings, resume=True, scenario=scenario)
+    folder = undisturbed[1]
+    assert f"{folder / 'resume.safetensors'} is of a run with other options: " in str(refusal.value)
+    assert f"{says}; give the same, or choose another folder" in str(refusal.value)
+
+
+def test_a_finished_run_is_made_longer_as_if_it_had_been_so_from_the_first(undisturbed, tmp_path):
+    """Its last evaluation was at a time for one. The best weights, from before, still say how long it was to be."""
+    shorter = dataclasses.replace(SETTINGS, max_updates=8)
+    assert train(tmp_path, shorter).stopped == "finished"
+    again = train(tmp_path, shorter, resume=True)
+    assert (again.updates, again.stopped) == (8, "finished")
+    longer = train(tmp_path, SETTINGS, resume=True)
+    assert (longer.updates, longer.stopped) == (12, "finished")
+    assert left_behind(tmp_path)[:-1] == left_behind(undisturbed[1])[:-1]
 
 
 def without(name):

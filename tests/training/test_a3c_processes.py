@@ -191,8 +191,11 @@ def test_a_signal_stops_cleanly_and_what_was_done_can_be_resumed(tmp_path, runni
         SETTINGS, max_updates=ENDLESS, evaluation_interval=10, evaluation_chases=2, checkpoint_interval=10
     )
 
+    interrupted = []
+
     def stop_later(status):
-        if status.updates == updates + 2:
+        if status.updates == updates + 2 and not interrupted:  # a second one would end it at once
+            interrupted.append(status)
             signal.raise_signal(signal.SIGINT)
 
     result = train_a3c(WORLD, settings, folder, "deterministic", resume=True, progress=stop_later)

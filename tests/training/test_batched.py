@@ -67,8 +67,12 @@ def train(
 ) -> dict[str, Any]:
     """Everything that a run leaves and that does not depend on the clock."""
 
+    left_to_interrupt = 0 if interrupt_at is None else 1
+
     def progress(status: TrainingStatus) -> None:
-        if interrupt_at is not None and status.updates >= interrupt_at:
+        nonlocal left_to_interrupt
+        if left_to_interrupt and status.updates >= (interrupt_at or 0):
+            left_to_interrupt = 0  # a second one would end it at once
             signal.raise_signal(signal.SIGINT)
 
     train_batched(scenarios or [WORLD], settings, folder, resume, progress)

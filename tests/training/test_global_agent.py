@@ -116,7 +116,7 @@ def test_it_goes_on_from_a_snapshot_as_if_nothing_had_been():
     agent, shared = new_agent()
     agent.update(gradient(0, 64))
     copy = agent.snapshot()
-    again = GlobalAgent(copy.shared(), contextlib.nullcontext(), CONSTANT, 1000)
+    again = GlobalAgent(copy, contextlib.nullcontext(), CONSTANT, 1000)
     agent.update(gradient(1, 64))
     assert int(copy.updates) == 1
     again.update(gradient(1, 64))

@@ -79,7 +79,9 @@ def test_it_learns_and_goes_on_exactly_where_it_was(tmp_path: Path, monkeypatch:
     ("change", "resume", "refusal"),
     [
         ({}, False, "holds a run: give --resume"),
-        ({"worlds": 7}, True, "belongs to a run with another settings"),
+        ({"worlds": 7}, True, "other options: worlds = 2 there and 7 here; give the same"),
+        # Its learning rates depend on its length.
+        ({"max_updates": 2}, True, "other options: updates = 1 there and 2 here; give the same"),
     ],
 )
 def test_a_folder_is_one_run(tmp_path: Path, change: dict[str, int], resume: bool, refusal: str) -> None:

@@ -105,7 +105,9 @@ def liar_rows(result: dict[str, Any]) -> list[list[str]]:
     return [
         [
             *row,
-            "-" if one["liars_named"] is None else f"{one['liars_named']:.0%}",
+            "-"
+            if one["liars_named"] is None
+            else "{:.0%} [{:.0%}, {:.0%}]".format(one["liars_named"], *one["liars_named_ci95"]),
             f"{one['honest_left_out']}",
             f"{one['honest_separation_m']:.2f}",
         ]

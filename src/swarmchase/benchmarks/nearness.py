@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..evaluation.statistics import share_interval
 from ..formation import TRACKER_DIRECTION
 from ..levels import highest_dbm, is_level
 from ..live.service.nearness import NearnessJudge
 from ..live.service.settings import OperatorSettings
+from ..reports.intervals import shown_share
 from ..scenario import Scenario
 from .radio_map import fitted_scenario, read_map
 
@@ -45,6 +47,11 @@ def measure(folder: Path) -> dict[str, Any]:
             | {
                 name: float(called[(distance_m > low) & (distance_m <= high)].mean())
                 for name, (low, high) in _BANDS.items()
+            }
+            | {
+                f"{name}_ci95": share_interval(int(there.sum()), len(there))
+                for name, (low, high) in _BANDS.items()
+                if len(there := called[(distance_m > low) & (distance_m <= high)])
             }
         )
     return {
@@ -85,5 +92,6 @@ def table(result: dict[str, Any]) -> "Table":
     for name, pairs in result["pairs"].items():
         shown.add_column(f"{name} ({pairs})", justify="right")
     for row in result["called_reached"]:
-        shown.add_row(f"{row['spacing_m']:g}", *(f"{100 * row[name]:.1f} %" for name in result["pairs"]))
+        shares = (shown_share(row[name], row.get(f"{name}_ci95")) for name in result["pairs"])
+        shown.add_row(f"{row['spacing_m']:g}", *shares)
     return shown

@@ -22,7 +22,9 @@ from ..controllers import load_controller
 from ..controllers.belief import Believing
 from ..controllers.condition import Condition
 from ..errors import InputError
+from ..evaluation.statistics import ratio_interval, share_interval
 from ..observation import Observation
+from ..reports.intervals import shown_share
 from ..scenario import Scenario, paper_scenario
 from .radio_map import RadioMap, fitted_scenario, read_map
 from .recorded_levels import Recording, fitted_path_loss, read_paths, surveys
@@ -174,6 +176,7 @@ def _chases(controller: str, over: RadioMap, told: Scenario, draw: int, guessed:
         "draw": draw,
         "chases": len(final_m),
         "reached_share": float((np.array(nearest_m) <= REACHED_M).mean()),
+        "reached_share_ci95": share_interval(int((np.array(nearest_m) <= REACHED_M).sum()), len(nearest_m)),
         "median_final_distance_m": float(np.median(final_m)),
         "p90_final_distance_m": float(np.percentile(final_m, 90)),
     } | _summary(seen)
@@ -198,8 +201,11 @@ def _angle_deg(moved_m: Array, way_m: Array) -> float:
 def _summary(seen: _Seen) -> dict[str, Any]:
     off_deg = np.array(seen.off_deg)
     summary: dict[str, Any] = {
-        "within_90_deg_share": float((off_deg <= 90).mean()),
-        "within_45_deg_share": float((off_deg <= 45).mean()),
+        **{f"within_{limit}_deg_share": float((off_deg <= limit).mean()) for limit in (90, 45)},
+        **{
+            f"within_{limit}_deg_share_ci95": share_interval(int((off_deg <= limit).sum()), len(off_deg))
+            for limit in (90, 45)
+        },
         "judged_ways": len(off_deg),
         "restarts": seen.restarts,
     }
@@ -208,6 +214,7 @@ def _summary(seen: _Seen) -> dict[str, Any]:
         summary |= {
             "decisions": len(radius_m),
             "coverage": float(np.mean(seen.held)),
+            "coverage_ci95": _coverage_interval(seen),
             "median_radius_m": float(np.median(radius_m)),
             "median_final_radius_m": float(np.median(radius_m[seen.last])),
             "median_error_m": float(np.median(error_m)),
@@ -215,6 +222,12 @@ def _summary(seen: _Seen) -> dict[str, Any]:
             "sure_and_wrong": int(((radius_m < SURE_M) & (error_m > WRONG_M)).sum()),
         }
     return summary
+
+
+def _coverage_interval(seen: _Seen) -> list[float] | None:
+    """Of whole chases: decisions of one are alike."""
+    chases = np.split(np.array(seen.held), [last + 1 for last in seen.last[:-1]])
+    return ratio_interval(np.array([chase.sum() for chase in chases]), np.array([len(chase) for chase in chases]))
 
 
 def table(result: dict[str, Any]) -> "Table":
@@ -226,7 +239,8 @@ def table(result: dict[str, Any]) -> "Table":
         "recording",
         "within 2 m",
         "final m: median, 90 %",
-        "within 90 / 45 degrees",
+        "within 90 degrees",
+        "within 45 degrees",
         "truth inside",
         "radius m: all, final",
         "error m: all, final",
@@ -241,10 +255,11 @@ def table(result: dict[str, Any]) -> "Table":
         chased, believed = "reached_share" in row, "coverage" in row
         shown.add_row(
             name,
-            f"{100 * row['reached_share']:.0f} %" if chased else "",
+            shown_share(row["reached_share"], row["reached_share_ci95"], 0) if chased else "",
             f"{row['median_final_distance_m']:.1f}, {row['p90_final_distance_m']:.1f}" if chased else "",
-            f"{100 * row['within_90_deg_share']:.0f} / {100 * row['within_45_deg_share']:.0f} %",
-            f"{100 * row['coverage']:.0f} %" if believed else "",
+            shown_share(row["within_90_deg_share"], row["within_90_deg_share_ci95"], 0),
+            shown_share(row["within_45_deg_share"], row["within_45_deg_share_ci95"], 0),
+            shown_share(row["coverage"], row["coverage_ci95"], 0) if believed else "",
             f"{row['median_radius_m']:.1f}, {row['median_final_radius_m']:.1f}" if believed else "",
             f"{row['median_error_m']:.1f}, {row['median_final_error_m']:.1f}" if believed else "",
             str(row["sure_and_wrong"]) if believed else "",

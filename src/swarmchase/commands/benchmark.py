@@ -7,11 +7,15 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from tyro.conf import arg
 
 from ..errors import InputError
 from .options import ScenarioOptions
-from .terminal import CONSOLE, print_json, progress_bar
+from .progress import progress_bar
+from .tables import print_table
+from .terminal import print_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +30,7 @@ class _BenchmarkCommand:
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(benchmark.table(result))
+            print_table(benchmark.table(result))
         return result
 
 
@@ -79,8 +83,8 @@ class BenchmarkTrainingCommand(_BenchmarkCommand):
 class _LiveChasesCommand(ScenarioOptions):
     controller: str = "recurrent"
     """As for swarmchase live."""
-    chases: int = 100
-    """In each setting."""
+    episodes: Annotated[int, arg(aliases=["--chases"])] = 100
+    """Chases in each setting; --chases is what it was called."""
     seed: int = 0
     """Of the run they belong to."""
     processes: int = 1
@@ -94,20 +98,22 @@ class _LiveChasesCommand(ScenarioOptions):
         Raises:
             InputError: too few chases, or numbers that cannot be.
         """
-        if self.chases < 2 or self.seed < 0 or self.processes < 1:
-            raise InputError("chases must be at least 2, seed at least 0, processes at least 1")
-        with progress_bar("live chases", self.chases, "chases/s") as show:
+        if self.episodes < 2 or self.seed < 0 or self.processes < 1:
+            raise InputError("episodes must be at least 2, seed at least 0, processes at least 1")
+        with progress_bar("live chases", self.episodes, "chases/s") as show:
             began_s = time.monotonic()
 
             def finished(chases: int) -> None:
                 show(chases, f"{chases / (time.monotonic() - began_s):.2f}", "")
 
             benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
-            result = benchmark.measure(self.world(), self.controller, self.chases, self.seed, self.processes, finished)
+            result = benchmark.measure(
+                self.world(), self.controller, self.episodes, self.seed, self.processes, finished
+            )
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(benchmark.table(result))
+            print_table(benchmark.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +167,7 @@ class BenchmarkSeparationCommand:
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(separation.table(result))
+            print_table(separation.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +195,7 @@ class BenchmarkSoakCommand(ScenarioOptions):
         if self.json:
             print_json(result)
         else:
-            CONSOLE.print(soak.table(result))
+            print_table(soak.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,8 @@ from ..errors import InputError
 from ..files import require_writable_file
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ControllerName, ScenarioOptions, explain_choice
-from .terminal import CONSOLE, print_json, progress_bar, tell_replaced
+from .progress import progress_bar
+from .terminal import CONSOLE, print_json, tell_replaced
 
 TOLD_EVERY_S = 1.0
 """Of the chase's own time, where it is measured by the clock: at most one line."""
@@ -57,7 +58,8 @@ class ChaseCommand(ScenarioOptions):
         controller = load_controller(self.controller, scenario, self.action_choice)
         require_world(scenario)
         explain_choice(self.controller, scenario)
-        CONSOLE.print(f"{_opening(scenario)}\n", markup=False, soft_wrap=True)
+        CONSOLE.print(f"{_opening(scenario)}\n", markup=False)
+        CONSOLE.print(_TIMED_HEAD if scenario.is_told_in_seconds else _HEAD, markup=False, soft_wrap=True)
         moments: list[Moment] = []
         told: dict[str, Any] | None = None
         for moment in run_chase(scenario, controller, self.seed, self.chase):
@@ -100,29 +102,32 @@ def _opening(scenario: Scenario) -> str:
 
 
 def _line(moment: dict[str, Any]) -> str:
-    """A movement as the log holds it."""
+    """A movement as the log holds it; at most 80 columns, as ``_HEAD`` names them."""
     displacement = "(" + ", ".join(f"{metres:+.0f}" for metres in moment["displacement_m"]) + ")"
     return (
-        f"{moment['movement']:4d} {displacement if moment['movement'] > 0 else 'start':>12} m  "
-        f"centre {_center(moment)} m  spacing {moment['spacing_m']:g} m  strongest {_strongest_dbm(moment):6.1f} dBm  "
-        f"target {moment['distance_m']:5.1f} m away" + ("  reached" if moment["reached"] else "")
+        f"{moment['movement']:3d}  {displacement if moment['movement'] > 0 else 'start':>12}  "
+        f"{_center(moment)}  {moment['spacing_m']:4.1f} m  {_strongest_dbm(moment):6.1f} dBm  "
+        f"{moment['distance_m']:5.1f} m away" + ("  reached" if moment["reached"] else "")
     )
 
 
 def _timed_line(moment: dict[str, Any], before: dict[str, Any] | None) -> str:
-    """A moment as the log holds it; ``before`` is the one that was told before it."""
+    """A moment as the log holds it, as ``_TIMED_HEAD`` names it; ``before`` is the one that was told before it."""
     if before is None:
         closing = "start"
     else:
         closed_m, seconds = before["distance_m"] - moment["distance_m"], moment["time_s"] - before["time_s"]
-        closing = f"closing {closed_m / seconds:+.1f} m/s"
+        closing = f"{closed_m / seconds:+.1f} m/s"
     # It may have been reached before this moment, and be farther away by now.
-    ending = f"  reached at {moment['reached_s']:.1f} s" if _is_capture(moment, before) else ""
+    ending = "  reached" if _is_capture(moment, before) else ""
     return (
-        f"{moment['time_s']:6.1f} s  target {moment['distance_m']:5.1f} m away  {closing:<17}  "
-        f"centre {_center(moment)} m  spacing {moment['spacing_m']:g} m  strongest {_strongest_dbm(moment):6.1f} dBm"
-        f"{ending}"
+        f"{moment['time_s']:6.1f} s  {moment['distance_m']:5.1f} m away  {closing:>9}  {_center(moment)}  "
+        f"{moment['spacing_m']:4.1f} m  {_strongest_dbm(moment):6.1f} dBm{ending}"
     )
+
+
+_HEAD = f"{'':3}  {'moves (m)':>12}  {'centre (m)':^18}  spacing  {'loudest':>8}  target"
+_TIMED_HEAD = f"{'time':>6}    {'target':>7}       {'closing':>9}  {'centre (m)':^18}  spacing  loudest"
 
 
 def _is_told(moment: dict[str, Any], before: dict[str, Any] | None) -> bool:

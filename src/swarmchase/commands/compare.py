@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markdown import Markdown
-
 from ..errors import InputError
 from ..scenario import Scenario
 from .options import ClusterOptions, SettingsOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .tables import fits, print_table
+from .terminal import CONSOLE, print_json, refusals_held_back, tell_replaced
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Job, Unkept
@@ -49,13 +49,12 @@ class CompareCommand(SettingsOptions, ClusterOptions):
         with refusals_held_back() as hold_back:
             results = self._compared(jobs, hold_back)
             rows = summaries(results, self._decision_ms())
-            text = _report(rows)
-            CONSOLE.print(Markdown(text))
+            _show(rows)
             try:
                 if self.json:
                     print_json(rows)
             finally:
-                _write(self.folder, results, rows, text)
+                _write(self.folder, results, rows)
 
     def _compared(self, jobs: "Sequence[tuple[Place, Job]]", unkept: "Unkept") -> "list[Result]":
         from ..evaluation.comparison import compare
@@ -90,18 +89,34 @@ class CompareCommand(SettingsOptions, ClusterOptions):
         }
 
 
-def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]], text: str) -> None:
+def _show(rows: list[dict[str, Any]]) -> None:
+    """Of one setting and world one line a controller; else a table for each measure, a controller in a column of its
+    own where they fit and in a line of its own where they do not.
+    """
+    from ..reports.comparison_tables import by_controller, by_place, in_one_place, measures, num_places, place_name
+
+    if num_places(rows) == 1:
+        print_table(in_one_place(rows), place_name(rows[0]))
+        return
+    for name, measure in measures(rows).items():
+        wide = by_place(measure)
+        print_table(wide if fits(wide) else by_controller(measure), name)
+
+
+def _write(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> None:
     from ..evaluation.comparison import TABLE_FILE, save_results
     from ..files import write_text_atomically
+    from ..reports.comparison_tables import report
 
     tell_replaced([folder / TABLE_FILE, folder / "comparison.md"])
     save_results(folder, results)
-    write_text_atomically(folder / "comparison.md", text)
-    for picture in _draw(folder, results, rows):
+    write_text_atomically(folder / "comparison.md", report(rows))
+    for picture in draw_results(folder, results, rows):
         CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
 
 
-def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
+def draw_results(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> list[Path]:
+    """The figures of a comparison into the folder; returns the PNG files. ``rows`` are the results' summaries."""
     from ..reports.comparison import draw_comparison
 
     def by_place(
@@ -123,9 +138,3 @@ def _draw(folder: Path, results: "list[Result]", rows: list[dict[str, Any]]) -> 
         by_place(lambda chase: chase.following_s),
         by_place(lambda chase: chase.belief_error_m),
     )
-
-
-def _report(rows: list[dict[str, Any]]) -> str:
-    from ..reports.comparison_tables import comparison_tables
-
-    return "\n\n".join(f"## {name}\n\n{table}" for name, table in comparison_tables(rows).items()) + "\n"

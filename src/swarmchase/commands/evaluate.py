@@ -9,10 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import require_writable_file
-from ..reports.intervals import shown_errors, shown_interval, shown_share
+from ..reports.intervals import shown_interval, shown_reached, shown_share
 from ..scenario import Scenario
 from .options import DEFAULT_CONTROLLER, ActionChoice, ClusterOptions, ControllerName, ScenarioOptions, explain_choice
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .tables import print_table
+from .terminal import print_json, refusals_held_back
 
 NOTHING_IS_KEPT = "nothing is kept, since those that end first are the short ones"
 
@@ -66,7 +68,7 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
         if self.json:
             print_json(summary)
         else:
-            CONSOLE.print(summary_table([summary]))
+            print_table(summary_table(summary))
 
     def _evaluated_here(self, scenario: Scenario) -> "Evaluation":
         from ..evaluation.table import evaluate
@@ -97,22 +99,24 @@ class EvaluateCommand(ScenarioOptions, ClusterOptions):
             return evaluate_jobs(self.folder, [job], self.seed, self.processes, finished, runner, unkept)[0]
 
 
-def summary_table(summaries: list[dict[str, Any]]) -> Table:
-    """Summaries of evaluations as people read them, one column each."""
-    by_the_clock = "capture_s_mean" in summaries[0]
+def summary_table(summary: dict[str, Any]) -> Table:
+    """The summary of an evaluation as people read it."""
+    by_the_clock = "capture_s_mean" in summary
     failed = "the limit" if by_the_clock else "MAX_STEPS + 1 movements"
     table = Table(caption=f"in brackets: 95 % confidence interval; a failed chase counts as {failed}")
-    table.add_column("controller")
-    for row in summaries:
-        choice = "" if row["action_choice"] is None else f" ({row['action_choice']})"
-        table.add_column(Text(row["controller"] + choice), justify="right")
+    choice = "" if summary["action_choice"] is None else f" ({summary['action_choice']})"
+    table.add_column("controller", no_wrap=True)
+    table.add_column(Text(summary["controller"] + choice, overflow="fold"), justify="right", overflow="fold")
     lines = _SHOWN | (_SHOWN_BY_THE_CLOCK if by_the_clock else _SHOWN_BY_MOVEMENTS)
-    if "following_s_mean" in summaries[0]:
+    if "following_s_mean" in summary:
         lines |= _SHOWN_OF_FOLLOWING
-    if "belief_coverage_95" in summaries[0]:
+    if "belief_coverage_95" in summary:
         lines |= _SHOWN_OF_BELIEF
     for name, shown in lines.items():
-        table.add_row(name, *(Text(shown(row)) for row in summaries))
+        table.add_row(name, Text(shown(summary)))
+    unit = "s" if by_the_clock else "movements"
+    for after, error_m in summary.get("belief_error_m_p50_after", {}).items():
+        table.add_row(f"belief: error after {after} {unit}, median", Text(f"{error_m:.1f} m"))
     return table
 
 
@@ -120,7 +124,7 @@ _SHOWN: dict[str, Callable[[dict[str, Any]], str]] = {
     "F": lambda row: f"{row['sampling_hz']:g} Hz",
     "ρ": lambda row: f"{row['spatial_correlation']:g}",
     "chases": lambda row: f"{row['episodes']}",
-    "reached": lambda row: f"{100 * row['success_rate']:.2f} %",
+    "reached": shown_reached,
 }
 _SHOWN_BY_MOVEMENTS: dict[str, Callable[[dict[str, Any]], str]] = {
     "movements, mean": lambda row: f"{row['movements_mean']:.1f}" + shown_interval(row["movements_mean_ci95"], 1),
@@ -158,7 +162,6 @@ _SHOWN_OF_BELIEF: dict[str, Callable[[dict[str, Any]], str]] = {
     ),
     "belief: radius of the region, median": lambda row: f"{row['belief_radius_m_p50']:.1f} m",
     "belief: error, median": lambda row: f"{row['belief_error_m_p50']:.1f} m",
-    "belief: error after": lambda row: shown_errors(row["belief_error_m_p50_after"], "capture_s_mean" in row),
 }
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markdown import Markdown
-
 from ..errors import InputError
 from .options import ClusterOptions
-from .terminal import BLOCKS_ARE_KEPT, CONSOLE, chases_progress, print_json, refusals_held_back, tell_replaced, warn
+from .progress import BLOCKS_ARE_KEPT, chases_progress
+from .tables import print_table
+from .terminal import CONSOLE, print_json, refusals_held_back, tell_replaced, warn
 
 if TYPE_CHECKING:
     from ..evaluation.blocks import Unkept
@@ -45,13 +45,12 @@ class ReproduceCommand(ClusterOptions):
         with refusals_held_back() as hold_back:
             evaluations = self._evaluations(folder, episodes, hold_back)
             summaries = [one.summary() for one in evaluations]
-            text = _report(summaries)
-            CONSOLE.print(Markdown(text))
+            _show(summaries)
             try:
                 if self.json:
                     print_json({"folder": str(folder), "summaries": summaries})
             finally:
-                _write(folder, evaluations, summaries, text)
+                _write(folder, evaluations, summaries)
 
     def _evaluations(self, folder: Path, episodes: int, unkept: "Unkept") -> "list[Evaluation]":
         from ..controllers.shipped import shipped_families
@@ -65,18 +64,28 @@ class ReproduceCommand(ClusterOptions):
             return reproduce(folder, episodes, self.seed, self.processes, finished, runner, unkept)
 
 
-def _write(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]], text: str) -> None:
+def _show(summaries: list[dict[str, Any]]) -> None:
+    from ..reports.paper_tables import oracle_line, report_tables
+
+    for name, table in report_tables(summaries).items():
+        print_table(table, name)
+    CONSOLE.print(oracle_line(summaries), markup=False)
+
+
+def _write(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> None:
     from ..evaluation.reproduction import TABLE_FILE, save_evaluations
     from ..files import write_text_atomically
+    from ..reports.paper_tables import report
 
     tell_replaced([folder / TABLE_FILE, folder / "results.md"])
     save_evaluations(folder, evaluations)
-    write_text_atomically(folder / "results.md", text)
-    for picture in _draw(folder, evaluations, summaries):
+    write_text_atomically(folder / "results.md", report(summaries))
+    for picture in draw_evaluations(folder, evaluations, summaries):
         CONSOLE.print(f"Figure: {picture}", markup=False, soft_wrap=True)
 
 
-def _draw(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> list[Path]:
+def draw_evaluations(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[str, Any]]) -> list[Path]:
+    """Figures 3 to 7 into the folder, where the fading examples lie already; returns the PNG files."""
     from ..evaluation.reproduction import FADING_FILE, training_log
     from ..evaluation.tables import read_rows
     from ..reports.paper import draw_all
@@ -89,9 +98,3 @@ def _draw(folder: Path, evaluations: "list[Evaluation]", summaries: list[dict[st
     }
     fading = read_rows(folder / FADING_FILE, "fading table")
     return draw_all(folder, fading, training_log(), movements, summaries)
-
-
-def _report(summaries: list[dict[str, Any]]) -> str:
-    from ..reports.paper_tables import report_tables
-
-    return "\n\n".join(report_tables(summaries).values()) + "\n"

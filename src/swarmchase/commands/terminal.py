@@ -6,7 +6,6 @@ import os
 import queue
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TextIO, cast
@@ -14,11 +13,9 @@ from typing import Any, TextIO, cast
 from rich.console import Console
 
 from ..errors import InputError
-from ..processes.stop_request import Interrupted, stop_request
 
 STANDARD_ERROR = 2
 LAST_LINES_S = 1.0
-BLOCKS_ARE_KEPT = "finished blocks are kept, and the same command goes on behind them"
 
 
 def discard(stream: TextIO) -> None:
@@ -115,66 +112,3 @@ def line_printer() -> Iterator[Callable[[str], None]]:
         with contextlib.suppress(queue.Full):
             lines.put_nowait(None)
         thread.join(LAST_LINES_S)
-
-
-@contextlib.contextmanager
-def progress_bar(task: str, total: int, unit: str) -> Iterator[Callable[[int, str, str], None]]:
-    """A bar with a count, the rate in ``unit``, the time left and news.
-
-    Gives a function to be told the count, the rate and the news. The bar appears when it is first called: not before
-    the work has begun.
-    """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]} " + unit),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[news]}"),
-        console=CONSOLE,
-    )
-    number = bar.add_task(task, total=total, start=False, rate="-", news="")
-
-    def show(completed: int, rate: str, news: str) -> None:
-        if not bar.live.is_started:
-            bar.start()
-            bar.start_task(number)
-        bar.update(number, completed=completed, rate=rate, news=news)
-
-    try:
-        yield show
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-
-
-@contextlib.contextmanager
-def chases_progress(task: str, total: int, kept: str) -> Iterator[Callable[[int, int, str], None]]:
-    """The bar of an evaluation. Gives what ``evaluation.blocks.Finished`` is.
-
-    Args:
-        kept: what is left of the chases that have ended when a signal stops the rest.
-
-    Raises:
-        Interrupted: out of the function that it gives, after a signal.
-    """
-    began_s = time.monotonic()
-    with stop_request() as request, progress_bar(task, total, "chases/s") as show:
-
-        def finished(chases: int, found: int, job: str) -> None:
-            show(chases, f"{(chases - found) / (time.monotonic() - began_s):.1f}", job)
-            if request.made:
-                raise Interrupted(request.number, f"after {chases} of {total} chases: {kept}")
-
-        yield finished

@@ -10,7 +10,8 @@ from typing import Any, Literal
 
 from ..errors import InputError
 from .options import ScenarioOptions, SettingsOptions
-from .terminal import CONSOLE, print_json, progress_bar, warn
+from .progress import progress_bar
+from .terminal import CONSOLE, print_json, warn
 
 Schedule = Literal["processes", "deterministic"]
 Precision = Literal["float32", "bfloat16"]
@@ -24,7 +25,8 @@ class _TrainOptions:
     folder: Path
     """Folder of the run: best.safetensors, resume.safetensors, training.jsonl and TensorBoard events."""
     resume: bool = False
-    """Go on with the run in the folder; give the same options as before."""
+    """Go on with the run in the folder; give the same options as before. More updates make it longer, unless it has a
+    final learning rate."""
     initial_weights: Path | None = None
     """Begin from this weights file instead of drawing the weights anew."""
     learning_rate: float | None = None
@@ -240,6 +242,13 @@ def _rate(environment_steps: int, seconds: float) -> str:
 
 
 def _news(status: Any) -> str:
-    if status.last_evaluation is None:
-        return "" if status.last_chase is None else f"last chase {status.last_chase.movements} movements"
-    return f"90 %: {status.last_evaluation.movements_p90:g}, reached {100 * status.last_evaluation.success_rate:.0f} %"
+    """What is going on: the evaluation under way, and the last one; before the first, the last chase."""
+    evaluating = "" if status.evaluating is None else "evaluating: {} of {} chases".format(*status.evaluating)
+    if status.last_evaluation is not None:
+        known = (
+            f"90th percentile {status.last_evaluation.movements_p90:g}, "
+            f"reached {100 * status.last_evaluation.success_rate:.1f} %"
+        )
+    else:
+        known = "" if status.last_chase is None else f"last chase {status.last_chase.movements} movements"
+    return ", ".join(part for part in (evaluating, known) if part)

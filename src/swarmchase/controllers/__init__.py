@@ -105,6 +105,19 @@ def load_controller(
 ) -> Controller:
     """A controller by name (``controller_names``) or from a weights file.
 
+    One chase, window by window; levels and places come from six receivers, or from a simulation:
+
+    >>> from swarmchase import Environment, paper_scenario
+    >>> scenario = paper_scenario(sampling_hz=100, spatial_correlation=0.5)
+    >>> controller = load_controller("multilateration", scenario)
+    >>> controller
+    <MultilaterationController 'multilateration', told Scenario(sampling_hz=100.0, spatial_correlation=0.5)>
+    >>> state = Environment(scenario).reset([(7, 0)])
+    >>> memory = controller.begin(1, seed=7)
+    >>> action, memory = controller.decide(state.observation(), memory)
+    >>> action.displacement_m.shape
+    torch.Size([1, 3])
+
     ``action_choice`` says how a learned controller turns its policies into actions; None takes what its weights
     file says.
 

@@ -32,6 +32,7 @@ from ..observation import Observation, center_m, checked_observation
 from ..scenario import Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
+from .described import Described
 from .explanation import MOST_POINTS, Explanation, FoundChannel, reasons_left_out, share_of_savings
 from .exploration import Exploration, explored, no_exploration
 from .remembered_windows import ReadWindows, RememberedWindows, no_windows, read_windows, remembered
@@ -138,7 +139,7 @@ class _Draws:
     place: Float[Tensor, "1"]
 
 
-class AdaptiveController:
+class AdaptiveController(Described):
     """Goes where its particles' expected distance on each axis is least."""
 
     def __init__(self, scenario: Scenario, network: WindowsNetwork, name: str = "adaptive") -> None:

@@ -35,6 +35,7 @@ from ..observation import Observation, center_m, checked_observation, mean_posit
 from ..scenario import NUM_TRACKERS, Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
+from .described import Described
 from .explanation import MOST_POINTS, Explanation, FoundChannel, reasons_left_out, share_of_savings
 from .level_residuals import LevelResiduals
 from .receiver_models import ReceiverModels
@@ -129,7 +130,7 @@ class InFlightFindings:
     """Receivers that are more likely wrong than not."""
 
 
-class AdaptiveInFlightController:
+class AdaptiveInFlightController(Described):
     """Flies at full speed to where its particles are on average, with a cross that turns."""
 
     name = "adaptive"

@@ -24,6 +24,7 @@ from ..formation import Action, displacement_towards, spacing_towards
 from ..observation import Observation, checked_observation, mean_position_m, mean_power_dbm
 from ..scenario import Scenario
 from .condition import Condition
+from .described import Described
 
 FORGETTING = 0.9
 """Weight of a window against that of the one after it."""
@@ -47,7 +48,7 @@ class GradientMemory:
     """A ``Condition``."""
 
 
-class GradientController:
+class GradientController(Described):
     """Climbs the averaged gradient."""
 
     name = "gradient"

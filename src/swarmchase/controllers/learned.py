@@ -19,6 +19,7 @@ from ..networks.protocol import DecidingNetworks
 from ..observation import Observation, checked_observation, mean_position_m
 from ..scenario import NUM_TRACKERS, Scenario
 from .condition import Condition
+from .described import Described
 from .explanation import Explanation
 
 ActionChoice = Literal["sampled", "greedy"]
@@ -50,7 +51,7 @@ def require_action_sets(scenario: Scenario, name: str) -> None:
         )
 
 
-class LearnedController:
+class LearnedController(Described):
     """Samples from its policies ("stochastically determine", Section II.A), or takes their most likely action.
 
     Raises:

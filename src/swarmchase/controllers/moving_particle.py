@@ -37,6 +37,7 @@ from ..observation import NEPERS_PER_DB, Observation, center_m, checked_observat
 from ..scenario import NUM_TRACKERS, Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
+from .described import Described
 from .explanation import MOST_POINTS, Explanation, share_of_savings
 from .sample_likeness import SampleLikeness, correlation_of_powers, variance_of_power
 from .target_motion import CLIMB_SHARE, HOLDS_S, SPEED_SPREAD_MPS, TargetBand, each, length, slowed
@@ -92,7 +93,7 @@ class MovingParticleMemory:
     """Each chase's own random numbers."""
 
 
-class MovingParticleController:
+class MovingParticleController(Described):
     """Flies at full speed to where its particles are on average."""
 
     name = "particle"

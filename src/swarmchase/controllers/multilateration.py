@@ -39,6 +39,7 @@ from ..observation import (
 )
 from ..scenario import NUM_TRACKERS, Scenario, doppler_spread_from_speed_hz
 from .condition import Condition
+from .described import Described
 from .explanation import Explanation
 from .particle import POWER_SPREAD_DB
 from .target_motion import CLIMB_SHARE, SPEED_SPREAD_MPS
@@ -95,7 +96,7 @@ class MultilaterationMemory:
     """A ``Condition``."""
 
 
-class MultilaterationController:
+class MultilaterationController(Described):
     """Goes to where the target explains best what was heard."""
 
     def __init__(self, scenario: Scenario, power_is_known: bool = True) -> None:

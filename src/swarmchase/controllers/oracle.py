@@ -18,6 +18,7 @@ from ..formation import Action, displacement_towards
 from ..observation import Observation, center_m, checked_observation
 from ..scenario import Scenario
 from .condition import Condition
+from .described import Described
 
 ORACLES = ("oracle", "oracle-intercept")
 """By name."""
@@ -35,7 +36,7 @@ class OracleMemory:
     """A ``Condition``: ``DEAF`` where it decided untold."""
 
 
-class OracleController:
+class OracleController(Described):
     """Moves straight to the target, or to where it will be. A ``KnowsTarget``."""
 
     def __init__(self, scenario: Scenario, name: str = "oracle", knows_velocity: bool = False) -> None:

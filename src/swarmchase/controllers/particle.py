@@ -32,6 +32,7 @@ from ..observation import Observation, center_m, checked_observation, mean_posit
 from ..scenario import Scenario
 from .belief import Belief, belief_of_particles
 from .condition import Condition
+from .described import Described
 from .explanation import MOST_POINTS, Explanation, share_of_savings
 
 NUM_PARTICLES = 1000
@@ -75,7 +76,7 @@ class ParticleMemory:
     """Each chase's own random numbers."""
 
 
-class ParticleController:
+class ParticleController(Described):
     """Goes where its particles' expected distance on each axis is least."""
 
     def __init__(

@@ -11,6 +11,7 @@ from ..batch.streams import ChaseStreams, chase_keys
 from ..formation import Action, action_from_choice
 from ..observation import Observation
 from ..scenario import Scenario
+from .described import Described
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class RandomMemory:
     streams: ChaseStreams
 
 
-class RandomController:
+class RandomController(Described):
     """Uniform over all four action sets."""
 
     name = "random"

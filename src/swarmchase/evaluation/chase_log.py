@@ -37,7 +37,7 @@ class Moment:
     """R^d, R^x, R^y, R^z of this movement."""
     path_length_m: float
     rssi_dbm: list[list[float]]
-    """The window heard here, [sample][tracker]."""
+    """The window heard here: its samples, each of six trackers."""
     reached: bool
     truncated: bool
 

@@ -58,6 +58,14 @@ def run_chases(
 ) -> Iterator[ChaseResult]:
     """Run the consecutive ``chases`` of run ``seed`` and yield each as it ends, the earliest to end first.
 
+    >>> from swarmchase import load_controller, paper_scenario
+    >>> scenario = paper_scenario(start_distance_m=20)
+    >>> for row in run_chases(scenario, load_controller("oracle", scenario), seed=1, chases=range(3)):
+    ...     print(row.chase, row.reached, row.movements, f"{row.path_length_m:.1f} m")
+    0 True 4 22.3 m
+    2 True 4 20.6 m
+    1 True 5 20.9 m
+
     A chase that goes on after the capture (``follow_s``) has the same row but for what is seen on its way.
 
     Raises:

@@ -100,8 +100,16 @@ def save_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
     Raises:
         InputError: they cannot be written.
     """
-    seed = evaluations[0].seed
     write_table(folder / TABLE_FILE, _movement_table(evaluations), _movement_document(evaluations))
+    save_fading(folder, evaluations[0].seed)
+
+
+def save_fading(folder: Path, seed: int) -> None:
+    """Write the fading examples, of chase 0 of this seed.
+
+    Raises:
+        InputError: they cannot be written.
+    """
     write_table(folder / FADING_FILE, fading_table(seed), _fading_document(seed))
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..batch.freed_memory import keep_freed_memory
+from ..batch.shown import shown_chases
 from ..controllers import ActionChoice, chosen_weights, load_controller, require_controller
 from ..errors import InputError, WorkerDiedError
 from ..processes.children import begin_child, start_helper, starting_children
@@ -47,9 +48,15 @@ def tracking_time_s(
     return np.asarray(movements * scenario.window_s + path_length_m / speed_mps, dtype=np.float64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
-    """The chases of one controller in one scenario."""
+    """The chases of one controller in one scenario.
+
+    >>> from swarmchase import paper_scenario
+    >>> evaluate(paper_scenario(start_distance_m=20), "oracle", episodes=4, seed=1)
+    Evaluation('oracle', 4 chases of seed 1 in Scenario(sampling_hz=10.0, spatial_correlation=0.9, \
+start_distance_m=20.0): 4 reached, movements mean 4.5)
+    """
 
     scenario: Scenario
     controller: str
@@ -59,6 +66,14 @@ class Evaluation:
     """In the order of their numbers."""
     world: Scenario | None = None
     """Where the chases were, if not in the scenario that the controller was told."""
+
+    def __repr__(self) -> str:
+        reached = sum(chase.reached for chase in self.chases)
+        mean = sum(chase.movements for chase in self.chases) / max(len(self.chases), 1)
+        return (
+            f"Evaluation({self.controller!r}, {shown_chases(len(self.chases))} of seed {self.seed} in "
+            f"{self.world or self.scenario!r}: {reached} reached, movements mean {mean:.1f})"
+        )
 
     @property
     def weights(self) -> str | None:
@@ -83,6 +98,7 @@ class Evaluation:
             "episodes": len(self.chases),
             "seed": self.seed,
             "success_rate": reached / len(self.chases),
+            "success_rate_ci95": share_interval(reached, len(self.chases)),
             "movements_mean": float(movements.mean()),
             "movements_mean_ci95": mean_interval(movements),
             "movements_p50": nearest_rank_percentile(movements, 50),

@@ -94,18 +94,17 @@ def _make_cube(axes: Any, coordinates: Sequence[Sequence[float]]) -> None:
 
 
 def _draw_rssi(axes: Axes, log: dict[str, Any]) -> None:
-    """The windows one after another, each in the unit after its movement, and the mean of each."""
+    """The windows one after another, each around its movement, and the mean of each."""
     moments = log["moments"]
     samples = len(moments[0]["rssi_dbm"])
     gap = float("nan")
-    time = [moment["movement"] + sample / samples for moment in moments for sample in range(samples + 1)]
-    middle = [moment["movement"] + 0.5 for moment in moments]
+    place = [moment["movement"] + sample / samples - 0.5 for moment in moments for sample in range(samples + 1)]
     trackers = zip(TRACKER_NAMES, TRACKER_COLORS, TRACKER_MARKERS, strict=True)
     for tracker, (name, color, marker) in enumerate(trackers):
         traces = [[sample[tracker] for sample in moment["rssi_dbm"]] for moment in moments]
-        axes.plot(time, [value for trace in traces for value in (*trace, gap)], color=color, linewidth=0.4, alpha=0.45)
+        axes.plot(place, [value for trace in traces for value in (*trace, gap)], color=color, linewidth=0.4, alpha=0.45)
         axes.plot(
-            middle,
+            [moment["movement"] for moment in moments],
             [sum(trace) / samples for trace in traces],
             color=color,
             linewidth=0.8,
@@ -143,15 +142,18 @@ def _draw_distance(axes: Axes, log: dict[str, Any]) -> None:
     radius_m = log["scenario"]["success_radius_m"]
     axes.axhline(radius_m, color=TARGET_COLOR, linestyle=":", linewidth=1)
     axes.set_title(f"dotted: success within {radius_m:g} m", fontsize=7, loc="right", pad=2)
-    axes.set(ylabel="distance (m)", ylim=(0, None))
+    # Somewhat below nothing, so that the radius and the end stand free of the axis.
+    highest_m = max(radius_m, *(moment["distance_m"] for moment in moments))
+    axes.set(ylabel="distance (m)", ylim=(-0.05 * highest_m, 1.05 * highest_m))
 
 
 def _draw_spacing(axes: Axes, log: dict[str, Any]) -> None:
     moments = log["moments"]
+    first, last = moments[0]["movement"] - 0.5, moments[-1]["movement"] + 0.5
     axes.step(
-        [*(moment["movement"] for moment in moments), moments[-1]["movement"] + 1],
-        [*(moment["spacing_m"] for moment in moments), moments[-1]["spacing_m"]],
-        where="post",
+        [first, *(moment["movement"] + 0.5 for moment in moments)],
+        [moments[0]["spacing_m"], *(moment["spacing_m"] for moment in moments)],
+        where="pre",
         color="#009E73",
         linewidth=1,
     )
@@ -159,5 +161,5 @@ def _draw_spacing(axes: Axes, log: dict[str, Any]) -> None:
     axes.set(
         xlabel="movement", ylabel="spacing (m)", ylim=(0, 1.15 * max(*choices_m, log["scenario"]["initial_spacing_m"]))
     )
-    axes.set_xlim(0, moments[-1]["movement"] + 1)
+    axes.set_xlim(first, last)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from .marks import end_at_a_tick
 from .style import CONTROLLER_STYLES, PAGE_WIDTH_INCHES, STYLE, save_figure
 
 STALENESS_UPDATES = 100
@@ -42,12 +43,16 @@ def draw_staleness(gradients: Sequence[dict[str, Any]], path: Path) -> None:
         curve_axes, count_axes = figure.subplots(1, 2)
         curve_axes.plot(update, updates_behind, color="#B0B0B0", linestyle="", marker=".", markersize=2, label="each")
         curve_axes.plot(update[averaged - 1 :], mean, color="black", label=f"mean of {averaged}")
-        curve_axes.set(xlabel="updates of the global networks", ylabel="updates behind", ylim=(0, None))
+        curve_axes.set(xlabel="updates of the global networks", ylabel="updates behind")
         curve_axes.legend(frameon=False)
         count_axes.bar(*np.unique(updates_behind, return_counts=True), color="#0072B2")
         count_axes.set(xlabel="updates behind", ylabel="gradients")
         for axis in (curve_axes.yaxis, count_axes.xaxis):
             axis.set_major_locator(MaxNLocator(integer=True))
+        for axes in (curve_axes, count_axes):
+            end_at_a_tick(axes)
+        # Somewhat below nothing, so that marks there are whole.
+        curve_axes.set_ylim(bottom=-0.03 * curve_axes.get_ylim()[1])
         save_figure(figure, path, "Staleness of the gradients")
 
 
@@ -57,8 +62,9 @@ def _draw_measured(axes: Axes, rows: Sequence[dict[str, Any]]) -> None:
         axes.plot(agents, [row["updates_per_s"] for row in its], color=color, marker=marker, linestyle="", markersize=4)
         predicted = [row["predicted_updates_per_s"] for row in its]
         axes.plot(agents, predicted, color=color, linestyle=line, label=_setting(chases, interval))
-    axes.set(xlabel="agents", ylabel="updates a second", ylim=(0, None))
+    axes.set(xlabel="agents", ylabel="updates a second")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    end_at_a_tick(axes)
     axes.legend(frameon=False)
 
 

@@ -10,10 +10,23 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter, NullLocator
 
 from ..evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
-from .marks import FORMATS, MOST_SHOWN, ORACLE_COLOR, draw_cdf, draw_with_bars, mark_stated, sampling_axis, star_last
+from .marks import (
+    BANDS,
+    BARS,
+    FEW_MOVEMENT_TICKS,
+    FORMATS,
+    MOST_SHOWN,
+    ORACLE_COLOR,
+    draw_cdf,
+    draw_with_bars,
+    end_at_a_tick,
+    mark_stated,
+    movement_axis,
+    sampling_axis,
+    star_last,
+)
 from .style import PAGE_WIDTH_INCHES, STYLE, TRACKER_COLORS, TRACKER_MARKERS, TRACKER_NAMES, save_figure
 from .training import draw_rewards
 
@@ -91,33 +104,37 @@ def reward_figure(chases: Sequence[dict[str, Any]]) -> Figure:
 
 
 def movement_figure(movements: MovementsBySetting) -> Figure:
-    """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz).
-
-    Chases beyond the last movement shown, failed ones among them, are what a curve lacks of 1 there.
-    """
+    """Fig. 5: distribution of the number of movements, with 95 % bands (Dvoretzky, Kiefer and Wolfowitz)."""
     figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
     panels = figure.subplots(1, len(SPATIAL_CORRELATION), sharey=True)
+    span = min(map(min, movements.values())), MOST_SHOWN
     [oracle] = [values for (controller, _, _), values in movements.items() if controller == "oracle"]
     for axes, correlation in zip(panels, SPATIAL_CORRELATION, strict=True):
-        draw_cdf(axes, oracle, ORACLE_COLOR, "-", "oracle")
+        draw_cdf(axes, oracle, span, ORACLE_COLOR, "-", "oracle")
         for sampling_hz, (color, line) in SAMPLING_STYLE.items():
             values = movements["paper", sampling_hz, correlation]
-            draw_cdf(axes, values, color, line, f"F = {sampling_hz:g} Hz")
+            draw_cdf(axes, values, span, color, line, f"F = {sampling_hz:g} Hz")
             stated = MOVEMENTS_P90.get((sampling_hz, correlation))
             if stated is not None:
                 mark_stated(axes, stated, 0.9, color)
         axes.axhline(0.9, color="black", linewidth=0.4)
-        axes.set(xscale="log", xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02), xlim=(13, MOST_SHOWN))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_xticks([15, 20, 30, 50, 100, 200], ["15", "20", "30", "50", "100", "200"])
+        axes.set(xlabel="movements", title=f"ρ = {correlation:g}", ylim=(0, 1.02))
+        movement_axis(axes, "x", span, FEW_MOVEMENT_TICKS)
     panels[0].set_ylabel("share of chases")
-    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(
+        *star_last(panels[-1]),
+        loc="outside lower center",
+        ncols=6,
+        frameon=False,
+        title=BANDS,
+        title_fontsize=7,
+    )
     return figure
 
 
 def percentile_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
     """Fig. 6: 90th percentile of movements against F, with 95 % intervals."""
-    figure = Figure(figsize=(PAGE_WIDTH_INCHES / 2, 3.0), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCHES / 2, 3.4), layout="constrained")
     axes = figure.subplots()
     for correlation, (color, marker) in CORRELATION_STYLE.items():
         for controller, line, face in (("paper", "-", color), ("paper-a3c", ":", "white")):
@@ -138,10 +155,10 @@ def percentile_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
     [oracle] = [row for row in summaries if row["controller"] == "oracle"]
     axes.axhline(oracle["movements_p90"], color=ORACLE_COLOR, linewidth=1.2, label="oracle")
     sampling_axis(axes)
-    axes.set(yscale="log", ylabel="90th percentile of movements")
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_yticks([20, 30, 40, 60, 80, 120, 160], ["20", "30", "40", "60", "80", "120", "160"])
-    axes.legend(*star_last(axes), frameon=False, ncols=2, loc="upper left")
+    axes.set_ylabel("90th percentile of movements")
+    bounds = [bound for row in summaries for bound in row["movements_p90_ci95"] or [row["movements_p90"]]]
+    movement_axis(axes, "y", [*bounds, *MOVEMENTS_P90.values()])
+    figure.legend(*star_last(axes), loc="outside lower center", ncols=3, frameon=False, title=BARS, title_fontsize=7)
     return figure
 
 
@@ -170,9 +187,12 @@ def tracking_time_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
                         mark_stated(axes, sampling_hz, stated, color, STATED_TIME)
         _draw_oracle_time(axes, summaries, float(speed))
         sampling_axis(axes)
-        axes.set(title=f"v = {speed} m/s", ylim=(0, None))
+        axes.set_title(f"v = {speed} m/s")
+    end_at_a_tick(panels[0])  # they share it
     panels[0].set_ylabel("mean total tracking time (s)")
-    figure.legend(*star_last(panels[-1]), loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(
+        *star_last(panels[-1]), loc="outside lower center", ncols=5, frameon=False, title=BARS, title_fontsize=7
+    )
     return figure
 
 

@@ -1,68 +1,87 @@
-"""The tables of docs/results.md, as Markdown, from the summaries of ``reproduction``."""
+"""The tables of docs/results.md from the summaries of ``reproduction``."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..evaluation.paper_results import MOVEMENTS_P90, SAMPLING_HZ, SPATIAL_CORRELATION, TRACKING_TIME_S
-from .intervals import shown_interval
+from .intervals import shown_interval, shown_reached
+from .text_table import TextTable
 
 Summaries = Sequence[dict[str, Any]]
 
 
-def report_tables(summaries: Summaries) -> dict[str, str]:
-    """Every table by its name."""
+def report(summaries: Summaries) -> str:
+    """All tables and the oracle's line, as a document."""
+    return (
+        "\n\n".join([*(table.markdown() for table in report_tables(summaries).values()), oracle_line(summaries)]) + "\n"
+    )
+
+
+def report_tables(summaries: Summaries) -> dict[str, TextTable]:
+    """Every table by what it is of."""
     return {
-        "percentiles": percentile_table(summaries),
-        "a3c": a3c_table(summaries),
-        "times": time_table(summaries),
-        "oracle": oracle_line(summaries),
+        "movements": percentile_table(summaries),
+        "A3C alone": a3c_table(summaries),
+        "mean total tracking time": time_table(summaries),
     }
 
 
-def percentile_table(summaries: Summaries) -> str:
+def percentile_table(summaries: Summaries) -> TextTable:
     """One line a setting: the 90th percentile, the mean and the most movements of ``paper``."""
     [oracle] = _of(summaries, "oracle")
-    lines = [
-        "| rho | F (Hz) | paper, 90th percentile | ours, 90th percentile | over the oracle | mean | most | reached |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for sampling_hz, correlation, row in _twelve(summaries):
-        excess = row["movements_p90"] / oracle["movements_p90"] - 1
-        lines.append(
-            f"| {correlation:g} | {sampling_hz:g} | {MOVEMENTS_P90.get((sampling_hz, correlation), '-')} | "
-            f"{_percentile(row)} | {100 * excess:+.0f} % | {_mean(row)} | {row['movements_max']} | "
-            f"{100 * row['success_rate']:.2f} % |"
+    head = ("rho", "F (Hz)", "paper, 90th percentile", "ours, 90th percentile", "over the oracle", "mean", "most")
+    rows = [
+        (
+            f"{correlation:g}",
+            f"{sampling_hz:g}",
+            str(MOVEMENTS_P90.get((sampling_hz, correlation), "-")),
+            _percentile(row),
+            f"{100 * (row['movements_p90'] / oracle['movements_p90'] - 1):+.0f} %",
+            _mean(row),
+            str(row["movements_max"]),
+            shown_reached(row),
         )
-    return "\n".join(lines)
-
-
-def a3c_table(summaries: Summaries) -> str:
-    """The settings for which a controller was trained by A3C alone."""
-    lines = [
-        "| rho | F (Hz) | paper | `paper-a3c` | `paper` | mean, `paper-a3c` | most | reached | chases |",
-        "|---|---|---|---|---|---|---|---|---|",
+        for sampling_hz, correlation, row in _twelve(summaries)
     ]
+    return TextTable((*head, "reached"), tuple(rows), num_keys=2)
+
+
+def a3c_table(summaries: Summaries) -> TextTable:
+    """The settings for which a controller was trained by A3C alone."""
+    head = ("rho", "F (Hz)", "paper", "`paper-a3c`", "`paper`", "mean, `paper-a3c`", "most", "reached", "chases")
+    rows = []
     for row in _of(summaries, "paper-a3c"):
         setting = (row["sampling_hz"], row["spatial_correlation"])
         [best] = _of(summaries, "paper", *setting)
-        lines.append(
-            f"| {setting[1]:g} | {setting[0]:g} | {MOVEMENTS_P90.get(setting, '-')} | {_percentile(row)} | "
-            f"{_percentile(best)} | {_mean(row)} | {row['movements_max']} | {100 * row['success_rate']:.2f} % | "
-            f"{row['episodes']:,} |"
+        rows.append(
+            (
+                f"{setting[1]:g}",
+                f"{setting[0]:g}",
+                str(MOVEMENTS_P90.get(setting, "-")),
+                _percentile(row),
+                _percentile(best),
+                _mean(row),
+                str(row["movements_max"]),
+                shown_reached(row),
+                f"{row['episodes']:,}",
+            )
         )
-    return "\n".join(lines)
+    return TextTable(head, tuple(rows), num_keys=2)
 
 
-def time_table(summaries: Summaries) -> str:
+def time_table(summaries: Summaries) -> TextTable:
     """Mean total tracking times at both speeds."""
-    lines = ["| rho | F (Hz) | paper | ours at 5 m/s | ours at 2 m/s |", "|---|---|---|---|---|"]
-    for sampling_hz, correlation, row in _twelve(summaries):
-        stated = TRACKING_TIME_S.get((sampling_hz, correlation))
-        lines.append(
-            f"| {correlation:g} | {sampling_hz:g} | {'-' if stated is None else f'{stated} s'} | "
-            f"{_time(row, '5')} | {_time(row, '2')} |"
+    rows = [
+        (
+            f"{correlation:g}",
+            f"{sampling_hz:g}",
+            f"{TRACKING_TIME_S[sampling_hz, correlation]} s" if (sampling_hz, correlation) in TRACKING_TIME_S else "-",
+            _time(row, "5"),
+            _time(row, "2"),
         )
-    return "\n".join(lines)
+        for sampling_hz, correlation, row in _twelve(summaries)
+    ]
+    return TextTable(("rho", "F (Hz)", "paper", "ours at 5 m/s", "ours at 2 m/s"), tuple(rows), num_keys=2)
 
 
 def _twelve(summaries: Summaries) -> Iterator[tuple[float, float, dict[str, Any]]]:

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
@@ -89,7 +90,7 @@ def recorded_chase_picture(
             axes.sharex(rows[3])
             axes.tick_params(labelbottom=False)
         _draw_plan(plan_axes, columns)
-        _draw_states(rows[0], columns)
+        unnamed = _draw_states(rows[0], columns)
         _draw_distance(rows[1], columns, success_radius_m)
         _draw_belief(rows[2], columns, success_radius_m)
         _draw_height(rows[3], columns)
@@ -97,6 +98,9 @@ def recorded_chase_picture(
         _mark_events(rows[0], rows[1:], told)
         _tell_events(figure.add_subplot(grid[4, :]), told, len(events))
         figure.align_ylabels(rows[1:])
+        if unnamed:
+            handles = [Patch(facecolor=color, label=name) for name, color in unnamed.items()]
+            figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
         figure.suptitle(title, fontsize=8)
         picture = io.BytesIO()
         figure.savefig(picture, format="png", dpi=200, metadata={"Title": title})
@@ -176,19 +180,23 @@ def _draw_plan(axes: Axes, columns: _Columns) -> None:
     )
 
 
-def _draw_states(axes: Axes, columns: _Columns) -> None:
-    """A strip; what is too short for its name is told by the list of events."""
+def _draw_states(axes: Axes, columns: _Columns) -> dict[str, str]:
+    """A strip; returns the colours of the states that nowhere last long enough for their name."""
     begins = [0, *(index for index in range(1, len(columns.state)) if columns.state[index] != columns.state[index - 1])]
     ends_s = [*columns.time_s[begins[1:]], columns.time_s[-1]]
     length_s = max(columns.time_s[-1] - columns.time_s[0], 1e-9)
+    colors = {name: STATE_COLORS.get(name, OTHER_STATE_COLOR) for name in columns.state}
+    named = set()
     for begin, end_s in zip(begins, ends_s, strict=True):
         name, begin_s = columns.state[begin], columns.time_s[begin]
-        axes.axvspan(begin_s, end_s, color=STATE_COLORS.get(name, OTHER_STATE_COLOR), lw=0)
+        axes.axvspan(begin_s, end_s, color=colors[name], lw=0)
         if end_s - begin_s >= LEAST_NAMED_SHARE * length_s:
+            named.add(name)
             axes.text((begin_s + end_s) / 2, 0.45, name, ha="center", va="center", fontsize=7)
     axes.set(ylim=(0, 1), yticks=[])
     axes.grid(visible=False)
     axes.tick_params(bottom=False)
+    return {name: color for name, color in colors.items() if name not in named}
 
 
 def _draw_distance(axes: Axes, columns: _Columns, success_radius_m: float) -> None:

@@ -8,12 +8,14 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .flight_paths import flight_paths
 from .plan_view import CENTER_STYLE, TARGET_STYLE, draw_end, draw_path, draw_start, set_view
-from .style import PAGE_WIDTH_INCHES, STYLE, TRACKER_COLORS, save_figure
+from .style import PAGE_WIDTH_INCHES, STYLE, TRACKER_COLORS, TRACKER_NAMES, save_figure
 
 Log = dict[str, Any]
 
@@ -22,6 +24,8 @@ BAND_COLOR = "#EFE3D3"
 VIEW_SHARE = 1.12
 """Half of the view's width over the farthest start."""
 BEHAVIOUR_COLUMNS = 4
+LISTENERS = (0, 1)
+"""Trackers whose levels are drawn: those on the x axis."""
 
 
 def draw_scenarios(logs: Mapping[str, Sequence[Log]], path: Path, title: str) -> None:
@@ -41,8 +45,19 @@ def draw_scenarios(logs: Mapping[str, Sequence[Log]], path: Path, title: str) ->
             plan_axes.set_title(name)
         for axes, label in zip(panels[:, 0], ("north (m)", "altitude (m)", "level (dBm)"), strict=True):
             axes.set_ylabel(label)
+        heard = [
+            Line2D(
+                [], [], ls="none", marker=".", color=TRACKER_COLORS[tracker], label=f"heard by {TRACKER_NAMES[tracker]}"
+            )
+            for tracker in LISTENERS
+        ]
+        band = Patch(facecolor=BAND_COLOR, label="where targets may start; altitudes at which they fly")
         figure.legend(
-            handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle()], loc="outside upper center", ncols=2, frameon=False
+            handles=[CENTER_STYLE.handle(), TARGET_STYLE.handle(), *heard, band],
+            loc="outside upper center",
+            ncols=5,
+            columnspacing=1.2,
+            frameon=False,
         )
         save_figure(figure, path, title)
 
@@ -110,7 +125,7 @@ def _draw_levels(axes: Axes, log: Log) -> None:
     """Every sample of the trackers on the x axis; what is missing is not there."""
     level_dbm = np.concatenate([np.array(moment["rssi_dbm"], dtype=np.float64) for moment in log["moments"]])
     sample_s, label = _sample_times(log)
-    for tracker in (0, 1):
+    for tracker in LISTENERS:
         axes.plot(sample_s, level_dbm[:, tracker], ".", markersize=2, markeredgewidth=0, color=TRACKER_COLORS[tracker])
     axes.set(xlabel=label, ylim=(-110, 0))
 
@@ -121,4 +136,4 @@ def _sample_times(log: Log) -> tuple[NDArray[np.float64], str]:
     if "sample_time_s" in moments[0]:
         return np.concatenate([np.array(moment["sample_time_s"]) for moment in moments]), "time (s)"
     samples = len(moments[0]["rssi_dbm"])
-    return np.arange(len(moments) * samples) / samples, "movement"
+    return np.arange(len(moments) * samples) / samples - 0.5, "movement"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from ..evaluation.paper_results import MOVEMENTS_P90
-from .marks import STATED
+from .marks import STATED, end_at_a_tick
 from .style import CONTROLLER_STYLES, PAGE_WIDTH_INCHES, STYLE, save_figure
 
 REWARD_CHASES = 100
@@ -24,45 +24,47 @@ def draw_training(chases: Sequence[dict[str, Any]], evaluations: Sequence[dict[s
     """How a training went, from its log: reward per movement of the four networks, and the evaluations' movements.
 
     Rewards are averaged over ``REWARD_CHASES`` chases, as in Fig. 4 of the paper, or over all where there are less.
+    What there is nothing of has no panel.
     """
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(PAGE_WIDTH_INCHES, 2.6), layout="constrained")
-        reward_axes, movement_axes = figure.subplots(1, 2)
-        draw_rewards(reward_axes, chases)
-        update = [evaluation["update"] for evaluation in evaluations]
-        movement_axes.plot(
-            update,
-            [one["movements_p90"] for one in evaluations],
-            color="black",
-            marker="o",
-            markersize=3,
-            label="90th percentile",
-        )
-        movement_axes.plot(
-            update,
-            [one["movements_mean"] for one in evaluations],
-            color="#0072B2",
-            linestyle="--",
-            marker="s",
-            markersize=3,
-            label="mean",
-        )
-        movement_axes.set(xlabel="updates of the global networks", ylabel="movements", ylim=(0, None))
-        movement_axes.legend(frameon=False)
+        panels = [
+            (draw, rows) for draw, rows in ((draw_rewards, chases), (_draw_movements, evaluations)) if len(rows) > 0
+        ]
+        figure = Figure(figsize=(PAGE_WIDTH_INCHES * len(panels) / 2, 2.6), layout="constrained")
+        for axes, (draw, rows) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+            draw(axes, rows)
         save_figure(figure, path, "training")
 
 
 def draw_rewards(axes: Axes, chases: Sequence[dict[str, Any]]) -> None:
-    """Reward per movement of the four networks, from the chases of a training's log."""
+    """Reward per movement of the four networks, from the chases of a training's log; at least one."""
     averaged = min(REWARD_CHASES, len(chases))
     update = [chase["update"] for chase in chases[averaged - 1 :]]
     for network, (name, color, line) in enumerate(zip("dxyz", NETWORK_COLORS, ("-", "--", "-.", ":"), strict=True)):
         won_m = np.cumsum([0.0] + [chase["reward_m"][network] for chase in chases])
         made = np.cumsum([0.0] + [chase["movements"] for chase in chases])
         mean_m = (won_m[averaged:] - won_m[:-averaged]) / (made[averaged:] - made[:-averaged])
-        axes.plot(update, mean_m, color=color, linestyle=line, label=f"θ$^{name}$")
-    axes.set(xlabel="updates of the global networks", ylabel=f"reward per movement (m),\nmean of {averaged} chases")
+        # A line needs two points.
+        axes.plot(
+            update, mean_m, color=color, linestyle=line, marker="" if len(update) > 1 else "o", label=f"θ$^{name}$"
+        )
+    of = "1 chase" if averaged == 1 else f"mean of {averaged} chases"
+    axes.set(xlabel="updates of the global networks", ylabel=f"reward per movement (m),\n{of}")
     axes.legend(frameon=False, ncols=2)
+
+
+def _draw_movements(axes: Axes, evaluations: Sequence[dict[str, Any]]) -> None:
+    """Large hollow marks around small filled ones: where the two are equal, as of chases that all fail, both are
+    seen.
+    """
+    update = [evaluation["update"] for evaluation in evaluations]
+    percentile: dict[str, Any] = {"label": "90th percentile", "color": "black", "marker": "o", "ms": 6, "mfc": "none"}
+    mean: dict[str, Any] = {"label": "mean", "color": "#0072B2", "linestyle": "--", "marker": "s", "ms": 2.5}
+    for measure, look in (("movements_p90", percentile), ("movements_mean", mean)):
+        axes.plot(update, [evaluation[measure] for evaluation in evaluations], **look)
+    axes.set(xlabel="updates of the global networks", ylabel="movements")
+    end_at_a_tick(axes)
+    axes.legend(frameon=False)
 
 
 @dataclass(frozen=True)

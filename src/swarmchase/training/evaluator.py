@@ -1,6 +1,6 @@
 """The auxiliary agent: evaluates on fixed chases while training goes on, keeps the best weights, says when to stop."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,10 @@ EVALUATION_WORLDS = 4
 """Worlds for each scenario in an evaluation of a training in varied worlds."""
 LAST_WEIGHTS = "last.safetensors"
 """Written in place of the best ones by a run that ended before its first evaluation."""
+
+
+TellEvaluating = Callable[[int, int], None]
+"""Is told how many chases of an evaluation have ended, and how many there are."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +83,9 @@ class Evaluator:
         self._flat = FlatNetworks(new_networks(settings))
         self.best = best
 
-    def evaluate(self, snapshot: SharedParameters) -> AuxiliaryEvaluation:
+    def evaluate(self, snapshot: SharedParameters, tell: TellEvaluating | None = None) -> AuxiliaryEvaluation:
         """Run the fixed chases; where the weights are the best so far, write them to the run's folder in float16."""
-        evaluation = measured(self._scenarios, self._settings, snapshot)
+        evaluation = measured(self._scenarios, self._settings, snapshot, tell)
         self.keep(evaluation, snapshot)
         return evaluation
 
@@ -99,13 +103,28 @@ class Evaluator:
 
 
 def measured(
-    scenarios: Sequence[Scenario], settings: TrainingSettings, snapshot: SharedParameters
+    scenarios: Sequence[Scenario],
+    settings: TrainingSettings,
+    snapshot: SharedParameters,
+    tell: TellEvaluating | None = None,
 ) -> AuxiliaryEvaluation:
-    """The fixed chases of a training, with these parameters."""
+    """The fixed chases of a training, with these parameters; ``tell`` hears of each that ends."""
     flat = FlatNetworks(new_networks(settings))
     flat.vector.copy_(snapshot.vector)
     networks = deployed(flat.networks)
-    tables = [_chases(told, world, networks, settings) for told, world in _worlds(scenarios, settings)]
+    worlds = _worlds(scenarios, settings)
+    tables: list[list[ChaseResult]] = []
+    ended, total = 0, len(worlds) * settings.evaluation_chases
+    if tell is not None:
+        tell(ended, total)
+    for told, world in worlds:
+        rows: list[ChaseResult] = []
+        for row in _chases(told, world, networks, settings):
+            rows.append(row)
+            ended += 1
+            if tell is not None:
+                tell(ended, total)
+        tables.append(rows)
     movements = [[float(row.movements) for row in rows] for rows in tables]
     percentiles = [nearest_rank_percentile(values, 90) for values in movements]
     return AuxiliaryEvaluation(
@@ -133,9 +152,9 @@ def _worlds(scenarios: Sequence[Scenario], settings: TrainingSettings) -> list[t
 
 def _chases(
     told: Scenario, world: Scenario, networks: HearingNetworks, settings: TrainingSettings
-) -> list[ChaseResult]:
+) -> Iterator[ChaseResult]:
     controller = network_controller(told, networks, "in training", settings.action_choice)
-    return list(run_chases(world, controller, _evaluation_seed(settings), range(settings.evaluation_chases)))
+    return run_chases(world, controller, _evaluation_seed(settings), range(settings.evaluation_chases))
 
 
 def _mean(values: Sequence[float]) -> float:

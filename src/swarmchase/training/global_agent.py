@@ -1,7 +1,7 @@
 """The global agent: the shared parameters of the four networks, and one shared Adam over them.
 
-All of its state lies in shared memory, so that any process can hand in a gradient under the lock; the result
-is that of one serial Adam.
+Where agents are processes all of its state lies in shared memory, so that any of them can hand in a gradient under the
+lock; the result is that of one serial Adam.
 """
 
 import dataclasses
@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import torch
 from torch.optim.adam import adam
 
+from ..processes.shared_memory import share
 from .parameters import FlatNetworks
 
 
 @dataclass(frozen=True)
 class SharedParameters:
-    """What all processes share; every tensor lies in shared memory."""
+    """What all agents share."""
 
     vector: torch.Tensor
     """theta^d, theta^x, theta^y, theta^z as one flat vector, float32."""
@@ -28,16 +29,20 @@ class SharedParameters:
     @classmethod
     def start(cls, vector: torch.Tensor) -> "SharedParameters":
         """Before the first update."""
-        return cls(vector.clone(), torch.zeros_like(vector), torch.zeros_like(vector), torch.zeros(())).shared()
+        return cls(vector.clone(), torch.zeros_like(vector), torch.zeros_like(vector), torch.zeros(()))
 
-    def shared(self, device: str = "cpu") -> "SharedParameters":
-        """The same tensors where all agents reach them: in shared memory, or on the device of a single process."""
-        if device != "cpu":
-            moved = {part.name: getattr(self, part.name).to(device) for part in dataclasses.fields(self)}
-            return SharedParameters(**moved)
-        for tensor in (self.vector, self.first_moment, self.second_moment, self.updates):
-            tensor.share_memory_()  # type: ignore[no-untyped-call]
-        return self
+    def on(self, device: str) -> "SharedParameters":
+        """The same on the device of a single process."""
+        return SharedParameters(**{part.name: getattr(self, part.name).to(device) for part in dataclasses.fields(self)})
+
+    def share(self) -> None:
+        """Move all of it to memory that several processes see.
+
+        Raises:
+            InputError: there is no room.
+        """
+        for part in dataclasses.fields(self):
+            share(getattr(self, part.name))
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def run_in_turn(run: TrainingRun, num_threads: int = 1, device: torch.device | s
             for finished in agent.finished_chases(global_agent.updates):
                 run.chase_ended(finished)
             if _has_passed(settings.evaluation_interval, before, global_agent.updates) or global_agent.finished:
-                evaluation = evaluator.evaluate(global_agent.snapshot())
+                evaluation = evaluator.evaluate(global_agent.snapshot(), run.evaluating)
                 run.evaluated(evaluation, evaluator.best, evaluator.meets_criterion(evaluation))
             if _has_passed(settings.checkpoint_interval, before, global_agent.updates):
                 run.checkpoint(global_agent.snapshot(), [agent.snapshot() for agent in agents])

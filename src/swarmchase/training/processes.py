@@ -19,6 +19,7 @@ import torch
 from ..batch.freed_memory import keep_freed_memory
 from ..errors import WorkerDiedError
 from ..processes.children import begin_child, start_helper, starting_children
+from ..processes.shared_memory import share
 from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
 from .agent import AgentSnapshot, FinishedChase, LocalAgent
@@ -44,6 +45,12 @@ class _Channels:
     checkpoints_asked: torch.Tensor
     environment_steps: torch.Tensor
     """Movements made by each local agent in this session."""
+    evaluating: torch.Tensor
+    """Chases that have ended of the evaluation under way, and all of them: 0 where none is."""
+
+    def tell_evaluating(self, ended: int, chases: int) -> None:
+        """The auxiliary agent's."""
+        self.evaluating.copy_(torch.tensor([ended, chases]))
 
 
 @dataclass(frozen=True)
@@ -77,9 +84,11 @@ def run_processes(run: TrainingRun) -> None:
     """Train until the run ends.
 
     Raises:
+        InputError: no room for what the processes share.
         WorkerDiedError: an agent ended unexpectedly.
     """
     settings = run.settings
+    run.shared.share()
     start_helper()
     context: Any = torch.multiprocessing.get_context("spawn")
     channels = _Channels(
@@ -87,6 +96,7 @@ def run_processes(run: TrainingRun) -> None:
         stop=_shared_zeros(1),
         checkpoints_asked=_shared_zeros(1),
         environment_steps=_shared_zeros(settings.num_agents),
+        evaluating=_shared_zeros(2),
     )
     arguments = (run.scenarios, settings, run.shared, channels)
     first_evaluation = next_evaluation(int(run.shared.updates), settings)
@@ -205,7 +215,11 @@ def _supervise(run: TrainingRun, channels: _Channels, mailbox: _Mailbox, process
             stop_by_s = min(stop_by_s, time.monotonic() + STOP_LIMIT_S)
         if time.monotonic() > stop_by_s:
             break
-        run.show()
+        ended, chases = channels.evaluating.tolist()
+        if chases > 0:
+            run.evaluating(ended, chases)
+        else:
+            run.show()
         time.sleep(POLL_S)
     _require_health(processes)
     if len(snapshots) == run.settings.num_agents:
@@ -244,8 +258,7 @@ def _casualty(processes: dict[str, Any]) -> str | None:
 
 def _shared_zeros(length: int) -> torch.Tensor:
     zeros = torch.zeros(length, dtype=torch.int64)
-    zeros.share_memory_()  # type: ignore[no-untyped-call]
-    return zeros
+    return share(zeros)
 
 
 @contextlib.contextmanager
@@ -315,5 +328,6 @@ def _auxiliary_agent_process(
             if channels.stop and not global_agent.finished:
                 break
             next_update = next_evaluation(global_agent.updates, settings)
-            evaluation = evaluator.evaluate(global_agent.snapshot())
+            evaluation = evaluator.evaluate(global_agent.snapshot(), channels.tell_evaluating)
+            channels.tell_evaluating(0, 0)
             outbox.put(_EvaluationMail(evaluation, evaluator.best, evaluator.meets_criterion(evaluation)))

@@ -34,6 +34,8 @@ class TrainingStatus:
     seconds: float
     last_chase: FinishedChase | None
     last_evaluation: AuxiliaryEvaluation | None
+    evaluating: tuple[int, int] | None = None
+    """Chases that have ended of the evaluation under way, and all of them; None where none is, or nobody says."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class TrainingRun:
         self.schedule = schedule
         self.folder = folder
         self.point = point
-        self.shared = point.parameters.shared(device)
+        self.shared = point.parameters.on(device)
         self.best = point.best
         self.environment_steps = point.environment_steps
         self.request = request
@@ -94,6 +96,7 @@ class TrainingRun:
         self._log = TrainingLog(folder.folder, int(self.shared.updates))
         self._last_chase: FinishedChase | None = None
         self._last_evaluation: AuxiliaryEvaluation | None = None
+        self._evaluating: tuple[int, int] | None = None
 
     @property
     def seconds(self) -> float:
@@ -110,11 +113,16 @@ class TrainingRun:
         self._last_chase = chase
         self._log.chase(chase)
 
+    def evaluating(self, ended: int, chases: int) -> None:
+        """So many chases of the evaluation under way have ended."""
+        self._evaluating = (ended, chases)
+        self.show()
+
     def evaluated(
         self, evaluation: AuxiliaryEvaluation, best: AuxiliaryEvaluation | None, meets_criterion: bool
     ) -> None:
         """The auxiliary agent evaluated; the run stops where its criterion is met."""
-        self._last_evaluation, self.best = evaluation, best
+        self._last_evaluation, self.best, self._evaluating = evaluation, best, None
         self._log.evaluation(evaluation, self.seconds, self.environment_steps)
         self._criterion_met |= meets_criterion
 
@@ -157,6 +165,7 @@ class TrainingRun:
                 self.seconds,
                 self._last_chase,
                 self._last_evaluation,
+                self._evaluating,
             )
         )
 

@@ -21,6 +21,7 @@ from .agent import AgentSnapshot, FinishedChase
 from .evaluator import AuxiliaryEvaluation
 from .global_agent import SharedParameters
 from .parameters import FlatNetworks
+from .resumption import as_long, require_same_run
 from .settings import TrainingSettings
 
 RESUME_FILE = "resume.safetensors"
@@ -91,19 +92,16 @@ class RunFolder:
         save_tensors(self.folder / RESUME_FILE, parameters | tensors, document)
 
     def load(self) -> ResumePoint:
-        """Read the resume file.
+        """Read the resume file; the run may have been a shorter one, whose length nothing but its end depends on.
 
         Raises:
-            InputError: damaged, or of a run with another scenario or other settings.
+            InputError: damaged, or of a run with other scenarios or settings.
         """
         path = self.folder / RESUME_FILE
         tensors, document = load_tensors(path, "resume file", MOST_RESUME_BYTES)
-        for name, value in self._identity.items():
-            if document.get(name) != json.loads(json.dumps(value)):
-                raise InputError(
-                    f"resume file {path} belongs to a run with another {name}: "
-                    "choose another folder or give the same options"
-                )
+        identity = json.loads(json.dumps(self._identity))
+        settings = as_long(document.get("settings"), identity["settings"])
+        require_same_run(path, document, {**identity, "settings": settings})
         try:
             return ResumePoint(
                 _parameters(tensors, self._settings),

@@ -24,6 +24,7 @@ from ..networks.windows import WindowsNetwork
 from ..processes.stop_request import stop_request
 from ..scenario import NUM_TRACKERS
 from .batched import require_device
+from .resumption import require_same_run
 from .run_folder import LOCK_FILE, RESUME_FILE
 from .windows import WindowsSettings, drawn_worlds, reported_db, windows_loss
 
@@ -157,12 +158,7 @@ class _Run:
 
     def _restore(self, path: Path) -> None:
         tensors, document = load_tensors(path, "resume file", MOST_RESUME_BYTES)
-        for name, value in self._identity.items():
-            if document.get(name) != value:
-                raise InputError(
-                    f"resume file {path} belongs to a run with another {name}: "
-                    "choose another folder or give the same options"
-                )
+        require_same_run(path, document, self._identity)
         try:
             network = {name[8:]: value for name, value in tensors.items() if name.startswith("network.")}
             self._network.load_state_dict(network)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from ..batch.array_types import Bool, Float, Int, Tensor
+from ..batch.shown import shown_chases, shown_range
 from ..batch.streams import ChaseKey
 from ..channel.propagation import unfaded_dbm as unfaded_dbm_at
 from ..errors import InputError
@@ -22,7 +23,7 @@ from .radio import Radio, RadioState
 from .target import draw_start_m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class State:
     """Everything a batch of chases is at one moment, that of a decision.
 
@@ -63,6 +64,11 @@ class State:
     radio: RadioState
     """What the radio carries from window to window."""
 
+    def __repr__(self) -> str:
+        after = f"{shown_range(self.movements)} movements, {shown_range(self.time_s)} s"
+        away_m = shown_range(distance_to_target_m(self))
+        return f"State({shown_chases(len(self.movements))} after {after}: target {away_m} m away)"
+
     @property
     def target_position_m(self) -> Float[Tensor, "chase 3"]:
         """U."""
@@ -93,6 +99,14 @@ class Outcome:
 class Environment:
     """The chase of one scenario on one device.
 
+    >>> from swarmchase import paper_scenario
+    >>> environment = Environment(paper_scenario())
+    >>> state = environment.reset([(1, chase) for chase in range(3)])  # chases 0, 1 and 2 of seed 1
+    >>> state
+    State(3 chases after 0 movements, 5 s: target 100 m away)
+    >>> state.observation().rssi_dbm.shape
+    torch.Size([3, 50, 6])
+
     Raises:
         InputError: a behaviour nobody knows, or fields of the scenario that do not go together.
     """
@@ -103,6 +117,9 @@ class Environment:
         self._radio = Radio(scenario, device)
         self._behaviour = load_behaviour(scenario, device)
         self._pace = pace_of(scenario, self._behaviour, device)
+
+    def __repr__(self) -> str:
+        return f"Environment({self.scenario!r})"
 
     def reset(self, keys: list[ChaseKey], nearness: Float[Tensor, "chase"] | None = None) -> State:
         """The start of these chases: the target drawn around the swarm, which hovers and hears its first window.
