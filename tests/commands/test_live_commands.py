@@ -609,13 +609,14 @@ def test_recordings_are_told_apart_by_their_ending(tmp_path: Path) -> None:
 # --- who reads it ----------------------------------------------------------------------------------------------------
 
 
-def test_help_that_nobody_reads_to_its_end_is_silent() -> None:
+@pytest.mark.parametrize("words", [["serve", "--help"], ["--help"]])
+def test_help_that_nobody_reads_to_its_end_is_silent(words: list[str]) -> None:
     """As in ``swarmchase serve --help | head -1``, with a reader that has gone before the first line."""
     reader, writer = os.pipe()
     os.close(reader)
     try:
-        words = [sys.executable, "-m", "swarmchase", "serve", "--help"]
-        ran = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False)
+        program = [sys.executable, "-m", "swarmchase"]
+        ran = subprocess.run([*program, *words], stdout=writer, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False)
     finally:
         os.close(writer)
     assert (ran.returncode, ran.stderr) == (128 + signal.SIGPIPE, b"")

@@ -324,7 +324,7 @@ def untrained_movements() -> float:
 
 @pytest.mark.parametrize(
     ("name", "rollouts", "chases", "learning_rate"),
-    [("a2c", 30, 24, 4e-3), ("ppo", 14, 24, 3e-3), ("all-actions", 30, 24, 3e-3), ("counterfactual", 15, 16, 3e-3)],
+    [("a2c", 30, 24, 4e-3), ("ppo", 14, 24, 3e-3), ("all-actions", 40, 24, 3e-3), ("counterfactual", 15, 16, 3e-3)],
 )
 def test_every_objective_learns(
     tmp_path: Path, untrained_movements: float, name: str, rollouts: int, chases: int, learning_rate: float

@@ -72,7 +72,7 @@ def test_it_learns_and_goes_on_exactly_where_it_was(tmp_path: Path, monkeypatch:
         assert torch.equal(tensor, other.state_dict()[name]), name
     assert configuration["update"] == 60
     assert isinstance(one, WindowsNetwork)
-    assert _loss_nats(one) < _loss_nats(WindowsNetwork(torch.Generator().manual_seed(0))) - 1
+    assert _loss_nats(one) < _loss_nats(WindowsNetwork(torch.Generator().manual_seed(0))) - 0.7
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import tyro
-from rich.console import Console
+
+from .terminal import Page
 
 WIDE = 4000
 """Columns in which no help is wrapped."""
@@ -76,7 +77,7 @@ class Option(NamedTuple):
 
 def print_options(program: str, command: Any) -> None:
     """Of one command, on standard output."""
-    page = Console(file=sys.stdout, highlight=False, width=min(shutil.get_terminal_size().columns, WIDEST))
+    page = Page(width=min(shutil.get_terminal_size().columns, WIDEST))
     usage, options = _told_by_tyro(program, command)
     page.print(usage, markup=False, soft_wrap=True)
     about = " ".join((inspect.getdoc(command) or "").split())

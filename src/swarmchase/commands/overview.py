@@ -1,20 +1,19 @@
 """``swarmchase --help`` and ``swarmchase train --help``: which commands there are, and what each is for."""
 
 import inspect
-import sys
 
-from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
 from .catalogue import EXAMPLES, SECTIONS, kind, members
+from .terminal import Page
 
 DESCRIPTION = "Chase an unauthorised UAV with a swarm of six trackers that hear only its signal strength."
 
 
 def print_overview() -> None:
     """Of all commands, on standard output."""
-    page = _page()
+    page = Page()
     page.print("usage: swarmchase COMMAND [OPTIONS]\n")
     page.print(f"{DESCRIPTION}\n")
     for title, commands in SECTIONS.items():
@@ -28,14 +27,10 @@ def print_overview() -> None:
 
 def print_group(group: str) -> None:
     """Of the commands of two words of which this is the first, on standard output."""
-    page = _page()
+    page = Page()
     page.print(f"usage: swarmchase {group} COMMAND [OPTIONS]\n")
     page.print(_summaries(members(group)))
     page.print(f"\nOptions of one: swarmchase {group} COMMAND --help.")
-
-
-def _page() -> Console:
-    return Console(file=sys.stdout, highlight=False)
 
 
 def _summaries(names: list[str]) -> Padding:

@@ -46,6 +46,19 @@ class _StandardError:
 CONSOLE = Console(file=cast(TextIO, _StandardError()), highlight=False)
 
 
+class Page(Console):
+    """What is printed on standard output for people. A reader that has gone (``| head``) is an error here as anywhere,
+    for ``running.exit_codes``; a console of rich ends the process with an exit code of its own.
+    """
+
+    def __init__(self, width: int | None = None) -> None:
+        super().__init__(file=sys.stdout, highlight=False, width=width)
+
+    def on_broken_pipe(self) -> None:
+        """It is being handled."""
+        raise  # noqa: PLE0704
+
+
 def print_json(document: Any) -> None:
     """Print exactly one JSON value on standard output.
 
