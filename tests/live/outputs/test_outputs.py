@@ -5,6 +5,7 @@ import math
 import re
 import socket
 import sys
+import threading
 import time
 from dataclasses import replace
 from datetime import datetime
@@ -244,7 +245,7 @@ class StuckOutput:
 
     def send(self, frame: Frame, wall_ns: int) -> None:
         self.calls += 1
-        time.sleep(PATIENCE_S)
+        threading.Event().wait()
 
     def close(self) -> None:
         raise AssertionError("it never came so far")

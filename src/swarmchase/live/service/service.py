@@ -173,7 +173,7 @@ class ControllerService:
             self._hold(f"{len(self._enough())} trackers are too few{self._swarm.left_out_words()}")
         elif self.state is ChaseState.CONNECTING:
             self._connect()
-        elif self.state is self._listening():
+        elif self.state in LED and self.state is self._listening():
             self._listen_on()
         elif self.state is ChaseState.MOVING:
             self._move()
