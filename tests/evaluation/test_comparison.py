@@ -269,6 +269,8 @@ def test_a_belief_stands_in_table_document_and_figure_of_those_that_have_one(tmp
     figure = belief_figure({("particle", 10.0, 0.9, AS_TOLD): [3.0, 5.0]})
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "particle"]
     assert np.asarray(line.get_xydata()).tolist() == [[3.0, 0.0], [3.0, 0.5], [5.0, 1.0]]
+    figure.draw_without_rendering()
+    assert {"3", "4"} < {label.get_text() for label in figure.axes[0].get_xticklabels(which="both")}
 
 
 def test_worlds_stand_in_the_table_where_there_are_several() -> None:

@@ -17,15 +17,17 @@ import torch
 from swarmchase.commands.evaluate import summary_table
 from swarmchase.errors import InputError, WorkerDiedError
 from swarmchase.evaluation import table
-from swarmchase.evaluation.chases import ChaseResult
+from swarmchase.evaluation.chases import ChaseResult, run_chases
 from swarmchase.evaluation.statistics import mean_interval, nearest_rank_percentile, percentile_interval
 from swarmchase.evaluation.table import (
     Evaluation,
     evaluate,
     tracking_time_s,
 )
+from swarmchase.formation import Action
 from swarmchase.networks.actor_critic import SwarmNetworks
 from swarmchase.networks.weights import save_weights
+from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, paper_scenario
 
 PROMISED_KEYS = {
@@ -172,6 +174,26 @@ def test_summary_of_one_chase_is_json_and_a_table() -> None:
     shown = dict(zip(*(map(str, column.cells) for column in summary_table(row).columns), strict=True))
     assert shown["movements, mean"] == "20.0"  # no interval
     assert shown["movements, 90th percentile"] == "20 [20, 20]"
+
+
+class Slantwise:
+    """A plug-in's mistake: it flies where the paper's world has no place."""
+
+    name = "slantwise"
+
+    def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> torch.Tensor:
+        return torch.zeros(num_chases)
+
+    def decide(self, observation: Observation, memory: torch.Tensor) -> tuple[Action, torch.Tensor]:
+        chases = len(observation.rssi_dbm)
+        return Action(torch.full((chases,), 5.0).double(), torch.full((chases, 3), 3.5).double()), memory
+
+
+def test_an_action_that_is_refused_is_told_with_the_controller_that_chose_it() -> None:
+    with pytest.raises(
+        InputError, match=r"^controller 'slantwise': displacement_m = 3.5 is refused: allowed is one of"
+    ):
+        list(run_chases(paper_scenario(), Slantwise(), seed=0, chases=range(2)))
 
 
 def test_failed_chases_are_counted_and_never_dropped() -> None:

@@ -15,6 +15,7 @@ from ..batch.selection import join_chases, select_chases
 from ..batch.streams import chase_keys
 from ..controllers.belief import Belief, Believing
 from ..controllers.protocol import Controller, KnowsTarget
+from ..errors import InputError
 from ..formation import Action
 from ..ranges import AT_LEAST_ONE, checked_number
 from ..scenario import Scenario
@@ -55,7 +56,7 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
         chases: consecutive numbers; they begin in this order.
 
     Raises:
-        InputError: no room for any chase.
+        InputError: no room for any chase, or an action that the world does not allow.
     """
     checked_number("batch_size", batch_size, AT_LEAST_ONE)
     environment = Environment(scenario)
@@ -80,7 +81,11 @@ def play(scenario: Scenario, controller: Controller, seed: int, chases: range, b
         action, memory = controller.decide(observation, memory)
         decision_s = time.perf_counter() - began_s
         belief = controller.belief(memory) if isinstance(controller, Believing) else None
-        after, outcome = environment.step(state, action)
+        try:
+            after, outcome = environment.step(state, action)
+        except InputError as error:
+            # Where many controllers are at work, only here is it known whose action it was.
+            raise InputError(f"controller {controller.name!r}: {error}") from error
         step = Step(numbers, state, belief, action, after, outcome, decision_s)
         yield step
         state, ended = after, set(step.ended_rows())

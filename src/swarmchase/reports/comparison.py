@@ -24,6 +24,7 @@ from .marks import (
     STATED,
     draw_cdf,
     draw_with_bars,
+    label_plainly,
     mark_stated,
     movement_axis,
     sampling_axis,
@@ -115,7 +116,12 @@ def following_figure(following_s: MovementsByPlace) -> Figure:
 def belief_figure(error_m: MovementsByPlace) -> Figure:
     """Distribution of the median error of each chase's belief, panels as above."""
     label = "belief: median error of a chase (m)"
-    return _distributions(error_m, label, math.inf, lambda axes, _: axes.set_xscale("log"))
+
+    def finish(axes: Axes, _: PlaceOfPanel) -> None:
+        axes.set_xscale("log")
+        label_plainly(axes.xaxis)
+
+    return _distributions(error_m, label, math.inf, finish)
 
 
 def _distributions(

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullLocator
+from matplotlib.axis import Axis
+from matplotlib.ticker import LogFormatter, NullLocator
 
 from ..evaluation.paper_results import SAMPLING_HZ
 from ..evaluation.statistics import CONFIDENCE
@@ -112,6 +113,20 @@ def movement_axis(
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_minor_locator(NullLocator())
     axis.set_ticks(shown, [f"{tick}" for tick in shown])
+
+
+class PlainLogFormatter(LogFormatter):
+    """Labels where matplotlib has them on a logarithmic axis, as 4 and 10 instead of powers of ten."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The label of a tick, empty where it has none."""
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
+def label_plainly(axis: Axis) -> None:
+    """Numbers on a logarithmic axis as they stand in text and tables."""
+    axis.set_major_formatter(PlainLogFormatter())
+    axis.set_minor_formatter(PlainLogFormatter())
 
 
 def end_at_a_tick(axes: Axes) -> None:
