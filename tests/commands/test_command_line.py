@@ -155,7 +155,10 @@ def test_what_is_printed_is_a_configuration_that_says_the_same(
             "Error parsing --number: invalid literal for int() with base 10: 'two'; the configuration is FILE; "
             "see: swarmchase tracker --help",
         ),
-        ("number = 2", "Missing from swarmchase tracker: --source"),
+        (
+            "number = 2",
+            "Missing from swarmchase tracker: --source STR, --vehicle STR; the configuration is FILE; see: ",
+        ),
     ],
 )
 def test_a_configuration_is_checked_whole_before_anything_starts(

@@ -463,6 +463,8 @@ TRACKER = "tracker --number 3 --state-folder state --unsigned --controller 127.0
             "broken/controller.epoch",
         ),
         ("serve --controller gradient --unsigned --state-folder whole", "cannot write to folder whole"),
+        ("serve", "give one of --keys FILE and --unsigned"),
+        ("tracker", "Missing from swarmchase tracker: --number INT, --source STR, --vehicle STR; see: swarmchase "),
         ("tracker --number 3 --source simulated:-60", "Missing from swarmchase tracker: --vehicle STR"),
         (
             f"{TRACKER} --source simulated:-60 --vehicle balloon",

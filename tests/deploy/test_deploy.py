@@ -21,7 +21,8 @@ from swarmchase.processes.stop_request import STOP_SIGNALS
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
 UNITS = {"swarmchase-serve.service": "serve.toml", "swarmchase-tracker.service": "tracker.toml"}
-PROGRAM = "/opt/swarmchase/bin/swarmchase"
+PROGRAMS = {"/opt/swarmchase/bin/swarmchase": [], "/opt/swarmchase/bin/swarmchase-tracker": ["tracker"]}
+"""What the units start, each with the command of ``swarmchase`` that it is by itself."""
 
 
 def unit(name: str) -> configparser.ConfigParser:
@@ -42,7 +43,7 @@ def test_a_unit_starts_a_command_that_this_version_takes(
 ) -> None:
     """With the configuration that is shipped beside it, whole: every option of both is one."""
     program, *words = shlex.split(unit(name)["Service"]["ExecStart"])
-    assert program == PROGRAM
+    words = [*PROGRAMS[program], *words]
     values = {
         "${STATE_DIRECTORY}": str(tmp_path),
         "${INVOCATION_ID}": "0123456789abcdef",
@@ -72,14 +73,14 @@ def test_a_unit_stops_and_restarts_as_the_command_ends(name: str) -> None:
 def test_systemd_knows_every_line(name: str, tmp_path: Path) -> None:
     if shutil.which("systemd-analyze") is None:
         pytest.skip("there is no systemd-analyze (Debian: apt-get install systemd)")
-    text = (DEPLOY / name).read_text()
-    assert text.count(PROGRAM) == 1
-    (tmp_path / name).write_text(text.replace(PROGRAM, sys.executable))
+    text, program = (DEPLOY / name).read_text(), shlex.split(unit(name)["Service"]["ExecStart"])[0]
+    assert text.count(program) == 1
+    (tmp_path / name).write_text(text.replace(program, sys.executable))
     ran = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", str(tmp_path / name)], capture_output=True, text=True, check=False
     )
     assert (ran.returncode, [line for line in ran.stderr.splitlines() if name in line]) == (0, [])
-    (tmp_path / name).write_text(text.replace(PROGRAM, sys.executable).replace("RestartSec", "RestartSoon"))
+    (tmp_path / name).write_text(text.replace(program, sys.executable).replace("RestartSec", "RestartSoon"))
     ran = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", str(tmp_path / name)], capture_output=True, text=True, check=False
     )

@@ -84,6 +84,15 @@ def test_a_target_that_falls_silent_is_followed_lost_looked_for_and_found_again(
     assert followed.share == pytest.approx(result.following_share, abs=0.3)
 
 
+def test_a_search_that_goes_on_after_a_pause_says_that_the_target_is_lost() -> None:
+    flight = Flight("mute=1-30")
+    flight.until(ChaseState.SEARCHING)
+    flight.chase.service.hold()
+    flight.chase.service.resume()
+    flight.until(ChaseState.SEARCHING)
+    assert flight.transitions[-1].reason == "the cause of holding is gone; the target is still lost"
+
+
 def test_who_follows_stays_with_a_target_that_lands_and_holds_and_ends_by_the_operator_s_words() -> None:
     flight = Flight("lands=0-60", lowest_altitude_m=40.0)
     flight.until(ChaseState.FOLLOWING)

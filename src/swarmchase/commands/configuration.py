@@ -1,6 +1,7 @@
 """Options from a TOML file, ``swarmchase serve --config FILE``; what the command line says as well counts."""
 
 import dataclasses
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -51,7 +52,7 @@ def configuration_path(command: Callable[..., Any], words: Sequence[str]) -> Pat
     """The file that a command line names, if the command takes one; the last counts, as of every option."""
     path = None
     if isinstance(command, type) and issubclass(command, ConfigurationOptions):
-        for word, following in zip(words, [*words[1:], ""], strict=True):
+        for word, following in itertools.pairwise([*words, ""]):
             if word == "--config" and following:
                 path = Path(following)
             elif word.startswith("--config="):

@@ -96,6 +96,9 @@ def _one_line(refusal: str) -> str:
         if "Perhaps you meant:" in section
         for option in re.findall(r"^[│ ]*(--[\w-]+)", section, flags=re.MULTILINE)
     )
+    missing = re.findall(r"^ +(--.*)", statement, flags=re.MULTILINE) if "Missing from" in statement else []
+    if missing:
+        statement = f"{statement.split(missing[0])[0]} {', '.join(option.strip() for option in missing)}"
     line = " ".join(statement.split()).rstrip(".:;")
     return f"{line} (did you mean {' or '.join(meant)}?)" if meant else line
 

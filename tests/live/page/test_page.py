@@ -360,7 +360,10 @@ def test_who_is_refused_reads_what_to_do(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_addresses_that_cannot_be_had() -> None:
     feed = Feed(INFO, is_live=True)
-    with served(feed) as server, pytest.raises(InputError, match="cannot serve a page on"):
+    with (
+        served(feed) as server,
+        pytest.raises(InputError, match=r"cannot serve a page on 127.0.0.1:\d+: Address already"),
+    ):
         PageServer(feed, "127.0.0.1", port_of(server))
     for host, port in [("no.such.host.invalid", 0), ("127.0.0.1", 70000), ("x" * 80, 0)]:
         with pytest.raises(InputError, match="cannot serve a page on"):

@@ -289,7 +289,7 @@ def test_a_table_without_times(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (None, "cannot read"),
-        ("", "has no column"),
+        ("", "has no column 'rssi_dbm': it has no head line"),
         ("time_s,rssi\n1,-60\n", "has no column 'rssi_dbm': it has time_s, rssi"),
         ("time_s,rssi_dbm\n", "holds no sample"),
         ("time_s,rssi_dbm\nx,-60\n", "holds no sample"),

@@ -13,7 +13,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, reason_of
 from ...scenario import NUM_TRACKERS
 from .codec import (
     CONTROLLER_COMPONENT,
@@ -257,7 +257,7 @@ def _resolve(host: str, port: int) -> tuple[socket.AddressFamily, Address]:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError) as error:
-        raise InputError(f"cannot find host {host!r}: {error}") from error
+        raise InputError(f"cannot find host {host!r}: {reason_of(error)}") from error
     return family, address
 
 

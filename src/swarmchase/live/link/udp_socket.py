@@ -3,7 +3,7 @@
 import socket
 from typing import Any, Protocol, runtime_checkable
 
-from ...errors import InputError
+from ...errors import InputError, reason_of
 
 Address = tuple[Any, ...]
 """As the socket module has it: host and port, and two more for IPv6."""
@@ -41,5 +41,5 @@ def bound_udp_socket(host: str, port: int) -> socket.socket:
         bound.bind((host, port))
     except (OSError, OverflowError) as error:
         bound.close()
-        raise InputError(f"cannot listen on {host}:{port}: {error}") from error
+        raise InputError(f"cannot listen on {host}:{port}: {reason_of(error)}") from error
     return bound

@@ -6,7 +6,7 @@ import socket
 import threading
 from urllib.parse import quote
 
-from ...errors import InputError
+from ...errors import InputError, reason_of
 
 try:
     import uvicorn
@@ -147,7 +147,7 @@ def _listening_socket(host: str, port: int) -> socket.socket:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
-        raise InputError(f"cannot serve a page on {host}:{port}: {error}") from error
+        raise InputError(f"cannot serve a page on {host}:{port}: {reason_of(error)}") from error
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -155,5 +155,5 @@ def _listening_socket(host: str, port: int) -> socket.socket:
         listening.listen()
     except (OSError, OverflowError) as error:
         listening.close()
-        raise InputError(f"cannot serve a page on {host}:{port}: {error}") from error
+        raise InputError(f"cannot serve a page on {host}:{port}: {reason_of(error)}") from error
     return listening

@@ -329,7 +329,9 @@ class ControllerService:
             self._fly(self._pace, formation.center_m, formation.spacing_m, reason)
         else:
             self._pace.stand(formation, self._now_ns)
-            self._go(self._listening(), reason)
+            state = self._listening()
+            # The alarm of a lost target is this reason: it must not read as if all were well.
+            self._go(state, f"{reason}; the target is still lost" if state is ChaseState.SEARCHING else reason)
 
     def _speak(self) -> None:
         """The set-points, in every state that commands."""

@@ -37,13 +37,13 @@ class ReplaySource:
         InputError: there is no row, or the recording cannot be read.
     """
 
-    def __init__(self, rows: Iterator[Row]) -> None:
+    def __init__(self, rows: Iterator[Row], name: str = "the recording") -> None:
         self.rejected = Rejected()
         self._is_over = False
         self._rows = rows
         self._waiting = next(rows, None)
         if self._waiting is None:
-            raise InputError("the recording holds no sample")
+            raise InputError(f"{name} holds no sample")
         self._start: tuple[int, float] | None = None
         self._last_s = -math.inf
 
@@ -101,7 +101,7 @@ def csv_rows(
     with opened_table(path, "recording") as table:
         for column in [rssi_column] + ([time_column] if time_column else []):
             if column not in (table.fieldnames or []):
-                names = ", ".join(table.fieldnames or [])[:MOST_SHOWN_CHARACTERS]
+                names = ", ".join(table.fieldnames or [])[:MOST_SHOWN_CHARACTERS] or "no head line"
                 raise InputError(f"{path} has no column {column!r}: it has {names}")
         for number, fields in enumerate(table):
             row_s = time_s(fields[time_column]) if time_column else number * interval_s
@@ -141,7 +141,7 @@ def _number(value: Any) -> float:
 
 
 def _open(place: str, details: SourceDetails) -> ReplaySource:
-    return ReplaySource(_rows(Path(place), details))
+    return ReplaySource(_rows(Path(place), details), f"recording {place}")
 
 
 _TO_DBM: dict[str, Callable[[float], float]] = {"dbm": float, "sik": sik_dbm}
