@@ -12,6 +12,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 
 from swarmchase.formation import Action
 from swarmchase.live.service import pursuit
+from swarmchase.live.service.chase_state import Decision
 from swarmchase.live.service.flight_separation import LONGEST_VALID_S
 from swarmchase.live.service.pursuit import ListenInFlight
 from swarmchase.live.service.safety import SafetyLimits
@@ -77,6 +78,15 @@ class Flight:
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK_S)):
             self.tick()
+
+    def place(self, places_m: np.ndarray) -> None:
+        """At rest, and told to be there: seen from the centre that is told."""
+        pace = self.chase.service._pace
+        assert isinstance(pace, ListenInFlight)
+        for vehicle, place_m in zip(self.chase.site.vehicles, pace._center_m + places_m, strict=True):
+            vehicle._true_position_m = tuple(place_m.tolist())
+        self.chase.service._swarm.stream.set_point_m = pace._center_m + places_m
+        self.least_m = math.inf
 
     def off_m(self, tracker: int) -> float:
         """How far it is from where the others show that its place is."""
@@ -169,3 +179,43 @@ def test_all_keep_apart_whatever_is_wanted_and_whoever_hears_nothing_or_is_stopp
         flight.tick()
     assert flight.least_m >= SafetyLimits().minimum_separation_m - STRAYING_M
     assert np.linalg.norm(flight.center_m()) > 5.0
+
+
+@pytest.mark.parametrize(
+    "places_m",
+    [
+        # Of a real run: tracker 3 had fallen behind, and 1 was on its way to its place.
+        [
+            [4.6, -0.5, 0.0],
+            [-5.66, 1.59, 0.0],
+            [0.75, 4.94, 0.0],
+            [-6.34, 0.79, -0.11],
+            [0.0, 0.0, 5.0],
+            [0.0, 0.0, -5.0],
+        ],
+        PLACES_M[[1, 0, 2, 3, 4, 5]],
+        PLACES_M[[0, 1, 3, 2, 5, 4]],
+    ],
+    ids=["one beside another", "two in each other's places", "four in each other's places"],
+)
+def test_those_that_are_in_each_others_way_go_round_each_other(places_m: Any) -> None:
+    """All stood still for the rest of the flight, and nobody was told."""
+    controller = Wants(Random(0), 0.76, -0.65, 0.0)
+    flight = Flight(controller)
+    flight.fly(3.0)
+    controller.way = np.array([1e-9, 0.0, 0.0])
+    flight.fly(3.0)
+    assert flight.speeds_mps().max() < 0.01
+    flight.place(np.array(places_m))
+    recorded: list[Any] = []
+    flight.chase._recorder = recorded.append
+    controller.way = np.array([0.76, -0.65, 0.0])
+    before_m = flight.center_m()
+    flight.fly(12.0)
+    assert np.linalg.norm(flight.center_m() - before_m) > 30.0
+    assert flight.least_m >= SafetyLimits().minimum_separation_m - STRAYING_M
+    flight.fly(4.0)
+    assert max(flight.off_m(tracker) for tracker in range(6)) < 3.0
+    changed = [entry.changed for entry in recorded if isinstance(entry, Decision)]
+    assert any("are in each other's way" in words for words in changed)
+    assert "in each other's way" not in changed[-1]

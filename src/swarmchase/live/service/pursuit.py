@@ -38,7 +38,7 @@ from .formation_estimate import TrackerNumbers, claimed_centers_m, median_m
 from .pace import Window
 from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
 from .sample_window import Flags, Levels, Point, Points
-from .separation import Traffic
+from .separation import ROUNDING_M, Traffic
 from .set_point_stream import INTRUSION_M, LONGEST_STEP_S
 from .swarm import Swarm
 
@@ -70,6 +70,11 @@ VALID_S = (LONGEST_VALID_S, 1.0, 0.5, 0.2, 0.0)
 """For so long set-points may be valid without news: the longest by which all keep apart."""
 SHORTEST_MPS = 0.1
 """Differences of speed below this are not worth a word."""
+ROUND_M = 1.0
+"""Who goes round another keeps so much more than the least separation from it."""
+LEVEL = 0.1
+"""Sine of an angle against the vertical."""
+PAIRS = np.triu_indices(NUM_TRACKERS, 1)
 ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
 SLOWER = (1.0, 0.5, 0.25)
 """Shares of the speed with which a way round is looked for."""
@@ -99,6 +104,8 @@ class ListenInFlight:
         """The cross, and how fast it turns."""
         self._stops = False
         """Whether all brake until they rest."""
+        self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
+        """Who keeps whom from flying on, so that all stand."""
         self._behind_s = np.zeros(NUM_TRACKERS)
         """So long each has not been in its place."""
         self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
@@ -189,11 +196,13 @@ class ListenInFlight:
         told_mps = displacement_m / self._decision_s
         within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps))
         self._wanted_mps = self._around_mps(within_mps)
+        in_the_way = ", ".join(map(str, np.flatnonzero(self._in_the_way)))
         changes = [
             (self._wanted_spacing_m != spacing_m, f"spacing {self._wanted_spacing_m:.3g} m, not {spacing_m:.3g} m"),
             (np.linalg.norm(told_mps) > self._speed_mps * (1 + 1e-6), f"no faster than {self._speed_mps:g} m/s"),
             (_differs(within_mps, _shortened(told_mps, self._speed_mps)), "aside or slower to keep the fence"),
             (_differs(self._wanted_mps, within_mps), "aside or slower to keep the separation"),
+            (self._in_the_way.any(), f"all stand: trackers {in_the_way} are in each other's way"),
         ]
         return "; ".join(words for changed, words in changes if changed)
 
@@ -248,6 +257,7 @@ class ListenInFlight:
         if (least_m < separation_m).any():
             least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
             chosen = longest_free(least_m[0], least_m[1:], separation_m)
+        self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
         if chosen is not None:
             stream.set_point_m = following_m
             valid_s = orders.valid_s[1 + chosen, range(NUM_TRACKERS)]
@@ -261,6 +271,11 @@ class ListenInFlight:
             if too_near.any():
                 stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
                 stream.pulled_back += 1
+            elif not brakes and np.linalg.norm(self._velocity_mps) <= SHORTEST_MPS:
+                is_in_the_way = (least_m[-1] < separation_m) & (least_m[-1] < least_m[0] - ROUNDING_M)
+                self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
+                aside = self._asides_m(is_in_the_way, before_m, now_m, CLOSING_MPS * elapsed_s)
+                stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside]), older)
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
         self._turns.append((swarm.now_ns, self._turned_rad))
 
@@ -355,6 +370,42 @@ class ListenInFlight:
         counted = self._swarm.counted()
         num_awaited = int((is_behind & (self._behind_s < WAITS_S))[counted].sum())
         return num_awaited > max(len(counted) - FEWEST_IN_PLACE, 0)
+
+    def _asides_m(self, in_the_way: Flags, before_m: Points, now_m: Points, step_m: float) -> Iterator[Points]:
+        """Set-points by which those go aside that keep one another [pair] from flying on: around each other, one way
+        round or the other, or away. Nobody would move any more otherwise.
+        """
+        for around in (1.0, -1.0, 0.0):
+            way = np.zeros((NUM_TRACKERS, 3))
+            for one, other in zip(*(tracker[in_the_way] for tracker in PAIRS), strict=True):
+                apart_m = now_m[one] - now_m[other]
+                distance_m = max(float(np.linalg.norm(apart_m)), 1e-9)
+                away = apart_m / distance_m
+                beside = np.cross([0.0, 0.0, 1.0], away)
+                if np.linalg.norm(beside) < LEVEL:  # one is above the other
+                    beside = np.array([1.0, 0.0, 0.0])
+                share = (
+                    1.0 if around == 0.0 else np.clip(self._limits.minimum_separation_m + ROUND_M - distance_m, 0, 1)
+                )
+                push = share * away + around * beside / np.linalg.norm(beside)
+                way[one] += push
+                way[other] -= push
+            length = np.linalg.norm(way, axis=1, keepdims=True)
+            yield self._fenced_m(before_m + way / np.maximum(length, 1e-9) * step_m, before_m)
+
+    def _first_free(self, seen: Seen, set_points_m: Points, older: Orders) -> Points:
+        """The first of these [set, tracker, 3], after that of before, by which nobody comes too near, nor nearer than
+        by that; else that.
+        """
+        separation_m = self._limits.minimum_separation_m
+        nothing = np.zeros(set_points_m.shape[:2])
+        orders = Orders(set_points_m, np.zeros_like(set_points_m), nothing, nothing)
+        least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
+        frees = (
+            longest_free(least_m[0], least_m[number : number + 1], separation_m) for number in range(1, len(least_m))
+        )
+        number = next((number for number, free in enumerate(frees, start=1) if free is not None), 0)
+        return np.asarray(set_points_m[number])
 
     def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
         """Those who come too near to somebody stop as soon as they can."""
