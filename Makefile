@@ -14,7 +14,7 @@ test: $(VENV)/.installed-dev
 	@echo "== style" && $(BIN)/ruff format --check . && $(BIN)/ruff check .
 	@echo "== tests, and types beside them"
 	@(told=$$($(BIN)/mypy 2>&1); code=$$?; printf '\n== types\n%s\n' "$$told"; exit $$code) & types=$$!; \
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder; tests=$$?; \
+	$(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder; tests=$$?; \
 	wait $$types || { echo "== types are wrong: see above"; exit 1; }; \
 	exit $$tests
 

@@ -44,7 +44,7 @@ GROUPS = {
     },
 }
 """A Ray cluster and other processes that train; live processes and a browser, with limits of wall time: never two of a
-group side by side. They wait a lot, so there is a worker more than there are cores."""
+group side by side. They wait a lot, so there are two workers more than there are cores."""
 LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.py", "training"}
 """Files and folders that take long: they begin early, so that no worker has one left when the other is done."""
 
@@ -66,7 +66,7 @@ def pytest_timeout_set_timer() -> Generator[None, Any, Any]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """``pytest -n 3 --dist loadfile``: a file stays with one worker, and so does a group.
+    """``pytest -n 4 --dist loadfile``: a file stays with one worker, and so does a group.
 
     Not by ``pytest.mark.xdist_group``, which pytest-xdist 3.8 under pytest 9.2 passes over without a word.
     """
