@@ -131,14 +131,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--number", type=int, required=True, help="0 to 5")
     parser.add_argument("--keys", required=True, help="a key file that holds its key")
-    parser.add_argument("--controller", default="127.0.0.1:14550", help="HOST:PORT of swarmchase serve")
+    parser.add_argument("--service", default="127.0.0.1:14550", help="HOST:PORT of swarmchase serve")
     parser.add_argument("--place", type=float, nargs=3, required=True, help="east, north, up in m: where it begins")
     parser.add_argument("--level-dbm", type=float, default=-60.0, help="what its receiver hears")
     parser.add_argument("--sampling-hz", type=float, default=10.0, help="the same as the controller's")
     options = parser.parse_args()
     key = key_of(options.number, options.keys)
     tracker = Tracker(
-        options.number, key, options.controller, tuple(options.place), options.level_dbm, options.sampling_hz
+        options.number, key, options.service, tuple(options.place), options.level_dbm, options.sampling_hz
     )
     tracker.run()
 

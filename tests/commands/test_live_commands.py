@@ -175,7 +175,7 @@ class Site:
         return receivers
 
     def tracker(self, number: int, source: str, *words: str, keys: Path | None = None) -> Process:
-        options = f"--number {number} --controller 127.0.0.1:{self.port} --keys {keys or self.keys} --json".split()
+        options = f"--number {number} --service 127.0.0.1:{self.port} --keys {keys or self.keys} --json".split()
         options += f"--source {source} --vehicle simulated --sampling-hz 50 --position-m".split()
         options += [*map(str, PLACES_M[number]), "--state-folder", str(self.folder / "state")]
         process = Process("tracker", *options, *words)
@@ -439,7 +439,7 @@ def test_a_clock_behind_what_was_signed_last_is_refused_in_one_line(
 # --- bad input -------------------------------------------------------------------------------------------------------
 
 SERVE = "serve --controller gradient --state-folder state"
-TRACKER = "tracker --number 3 --state-folder state --unsigned --controller 127.0.0.1:9 --sampling-hz 50"
+TRACKER = "tracker --number 3 --state-folder state --unsigned --service 127.0.0.1:9 --sampling-hz 50"
 
 
 @pytest.mark.parametrize(

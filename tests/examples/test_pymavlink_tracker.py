@@ -60,7 +60,7 @@ def swarm(tmp_path: Path) -> Iterator[tuple[ControllerMavlinkLink, Path]]:
     """Six of them, and the link that they dial."""
     write_keys(tmp_path / "keys", KEYS)
     link = ControllerMavlinkLink("127.0.0.1", 0, KEYS, state_path=tmp_path / "state")
-    words = f"--keys {tmp_path / 'keys'} --controller 127.0.0.1:{link.address[1]} --sampling-hz 50".split()
+    words = f"--keys {tmp_path / 'keys'} --service 127.0.0.1:{link.address[1]} --sampling-hz 50".split()
     trackers = []
     for number, (place_m, level_dbm) in enumerate(zip(PLACES_M, EAST_IS_LOUDER_DBM, strict=True)):
         own = ["--number", str(number), "--place", *map(str, place_m), f"--level-dbm={level_dbm}"]

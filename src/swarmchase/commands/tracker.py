@@ -38,8 +38,8 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
         str, arg(help=f"Where RSSI samples come from: {help_of(SOURCES)}; docs/sources.md describes them.")
     ]
     vehicle: Annotated[str, arg(help=f"One of {help_of(VEHICLES)}.")]
-    controller: str = "127.0.0.1:14550"
-    """HOST:PORT of swarmchase serve."""
+    service: Annotated[str, arg(aliases=["--controller"])] = "127.0.0.1:14550"
+    """HOST:PORT of swarmchase serve; --controller is what it was called."""
     sampling_hz: float = 10.0
     """F, RSSI samples a second: the same as the controller's."""
     calibration_offset_db: float = 0.0
@@ -97,7 +97,7 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
         from ..live.tracker.agent import AgentSettings
         from ..processes.stop_request import stop_request
 
-        host, port = host_and_port(self.controller)
+        host, port = host_and_port(self.service)
         settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()
         state_path = self.folder() / tracker_file(self.number)
         with line_printer() as tell, stop_request() as request:
@@ -121,7 +121,7 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
         source = open_source(self.source, SourceDetails(**fields_from(self, SourceDetails)))
         calibrated = CalibratedSource(source, self.calibration_offset_db)
         agent = TrackerAgent(self.number, calibrated, vehicle, link, MonotonicClock(), self.sampling_hz, settings)
-        tell(f"Tracker {self.number} dials {self.controller}.")
+        tell(f"Tracker {self.number} dials {self.service}.")
         return run_tracker(self.number, agent, source, vehicle, link, request, tell)
 
     def _key(self) -> bytes | None:

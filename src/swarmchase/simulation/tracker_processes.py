@@ -97,7 +97,7 @@ class TrackerProcesses:
             *("tracker", "--number", str(tracker)),
             *("--source", f"udp:{ports.source}", "--same-clock", "--sampling-hz", f"{self._scenario.sampling_hz:g}"),
             *("--vehicle", f"mavlink:{ports.vehicle}", "--autopilot-origin-m", "0", "0", "0"),
-            *("--controller", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
+            *("--service", f"{LOOPBACK}:{ports.controller}", "--keys", str(folder / f"tracker-{tracker}.keys")),
             *("--window-hz", f"{self._reporting.window_hz:g}", "--position-hz", f"{self._reporting.position_hz:g}"),
             *("--state-folder", str(folder / "state")),
         ]
