@@ -35,6 +35,7 @@ from .flight_separation import (
     longest_free,
 )
 from .formation_estimate import TrackerNumbers, claimed_centers_m, median_m
+from .going_round import PAIRS, ways_aside
 from .pace import Window
 from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
 from .sample_window import Flags, Levels, Point, Points
@@ -70,11 +71,6 @@ VALID_S = (LONGEST_VALID_S, 1.0, 0.5, 0.2, 0.0)
 """For so long set-points may be valid without news: the longest by which all keep apart."""
 SHORTEST_MPS = 0.1
 """Differences of speed below this are not worth a word."""
-ROUND_M = 1.0
-"""Who goes round another keeps so much more than the least separation from it."""
-LEVEL = 0.1
-"""Sine of an angle against the vertical."""
-PAIRS = np.triu_indices(NUM_TRACKERS, 1)
 ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
 SLOWER = (1.0, 0.5, 0.25)
 """Shares of the speed with which a way round is looked for."""
@@ -274,8 +270,10 @@ class ListenInFlight:
             elif not brakes and np.linalg.norm(self._velocity_mps) <= SHORTEST_MPS:
                 is_in_the_way = (least_m[-1] < separation_m) & (least_m[-1] < least_m[0] - ROUNDING_M)
                 self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
-                aside = self._asides_m(is_in_the_way, before_m, now_m, CLOSING_MPS * elapsed_s)
-                stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside]), older)
+                # Nobody would move any more otherwise.
+                ways = ways_aside(is_in_the_way, now_m, separation_m)
+                aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
+                stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
         self._turns.append((swarm.now_ns, self._turned_rad))
 
@@ -370,28 +368,6 @@ class ListenInFlight:
         counted = self._swarm.counted()
         num_awaited = int((is_behind & (self._behind_s < WAITS_S))[counted].sum())
         return num_awaited > max(len(counted) - FEWEST_IN_PLACE, 0)
-
-    def _asides_m(self, in_the_way: Flags, before_m: Points, now_m: Points, step_m: float) -> Iterator[Points]:
-        """Set-points by which those go aside that keep one another [pair] from flying on: around each other, one way
-        round or the other, or away. Nobody would move any more otherwise.
-        """
-        for around in (1.0, -1.0, 0.0):
-            way = np.zeros((NUM_TRACKERS, 3))
-            for one, other in zip(*(tracker[in_the_way] for tracker in PAIRS), strict=True):
-                apart_m = now_m[one] - now_m[other]
-                distance_m = max(float(np.linalg.norm(apart_m)), 1e-9)
-                away = apart_m / distance_m
-                beside = np.cross([0.0, 0.0, 1.0], away)
-                if np.linalg.norm(beside) < LEVEL:  # one is above the other
-                    beside = np.array([1.0, 0.0, 0.0])
-                share = (
-                    1.0 if around == 0.0 else np.clip(self._limits.minimum_separation_m + ROUND_M - distance_m, 0, 1)
-                )
-                push = share * away + around * beside / np.linalg.norm(beside)
-                way[one] += push
-                way[other] -= push
-            length = np.linalg.norm(way, axis=1, keepdims=True)
-            yield self._fenced_m(before_m + way / np.maximum(length, 1e-9) * step_m, before_m)
 
     def _first_free(self, seen: Seen, set_points_m: Points, older: Orders) -> Points:
         """The first of these [set, tracker, 3], after that of before, by which nobody comes too near, nor nearer than
