@@ -367,12 +367,13 @@ def test_gymnasium_s_wrappers_take_it_by_its_name():
 
 def test_a_film_is_recorded(tmp_path):
     pytest.importorskip("moviepy", reason="moviepy is not installed: pip install moviepy")
-    env = gymnasium.wrappers.RecordVideo(gymnasium.make(NAME, render_mode="rgb_array", **near()), str(tmp_path))
+    films = tmp_path / "films"
+    env = gymnasium.wrappers.RecordVideo(gymnasium.make(NAME, render_mode="rgb_array", **near()), str(films))
     env.reset(seed=1)
     while not any(env.step(STAY)[2:4]):
         pass
     env.close()
-    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
+    assert [path.suffix for path in films.iterdir()] == [".mp4"]
 
 
 @pytest.mark.parametrize("vec_env_cls", [DummyVecEnv, SubprocVecEnv])
