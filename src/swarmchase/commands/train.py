@@ -214,17 +214,90 @@ class TrainWindowsCommand:
             "seed": self.seed,
         }
         settings = WindowsSettings(**{name: value for name, value in given.items() if value is not None})
-        with progress_bar("updates", settings.max_updates, "loss") as show:
-
-            def progress(update: int, loss_nats: float) -> None:
-                show(update, f"{loss_nats:.3f}", "")
-
+        with _loss_shown(settings.max_updates) as progress:
             result = train_windows(settings, self.folder, self.resume, self.device, progress)
-        CONSOLE.print(
-            f"Training {result.stopped}: {result.updates} updates, in {result.weights}", markup=False, soft_wrap=True
+        _tell(result, "loss_nats", self.json)
+
+
+@dataclass(frozen=True)
+class TrainPursuitCommand:
+    """Train pursuit, the network that chases in flight, in its own flights. Ctrl-C stops it cleanly."""
+
+    folder: Path
+    """Folder of the run: best.safetensors and resume.safetensors."""
+    lessons: tuple[str, ...] | None = None
+    """What is flown, side by side: scenario:behaviour:target_speed_mps:sampling_hz each."""
+    start: Path | None = None
+    """A weights file to begin with, of an earlier run."""
+    resume: bool = False
+    """Go on with the run in the folder; give the same options as before."""
+    updates: int | None = None
+    """Updates of the network."""
+    flights: int | None = None
+    """Flights side by side, of all lessons."""
+    intervals: int | None = None
+    """Decisions of each flight in an update."""
+    exploration: float | None = None
+    """Standard deviation of what is tried out, in full speeds."""
+    supervised_share: float | None = None
+    """Of the updates, the first ones, in which nothing is reinforced."""
+    slow_share: float | None = None
+    """Of the updates, the first ones, in which targets fly at half their speed."""
+    learning_rate: float | None = None
+    """Adam's learning rate at first."""
+    seed: int | None = None
+    """Seed of flights, exploration and initial weights."""
+    device: str = "cpu"
+    """cpu, or cuda where PyTorch sees a GPU."""
+    json: bool = False
+    """Print how the run ended as one JSON object on standard output."""
+
+    def run(self) -> None:
+        """Train and report."""
+        from ..training.pursuit import PursuitSettings
+        from ..training.pursuit_run import train_pursuit
+
+        given: dict[str, Any] = {
+            "max_updates": self.updates,
+            "lessons": self.lessons,
+            "flights": self.flights,
+            "intervals": self.intervals,
+            "exploration": self.exploration,
+            "supervised_share": self.supervised_share,
+            "slow_share": self.slow_share,
+            "learning_rate": self.learning_rate,
+            "seed": self.seed,
+        }
+        settings = PursuitSettings(**{name: value for name, value in given.items() if value is not None})
+        with _loss_shown(settings.max_updates) as progress:
+            result = train_pursuit(settings, self.folder, self.start, self.resume, self.device, progress)
+        _tell(result, "loss", self.json)
+
+
+@contextlib.contextmanager
+def _loss_shown(max_updates: int) -> "Iterator[Callable[[int, float], None]]":
+    with progress_bar("updates", max_updates, "loss") as show:
+
+        def progress(update: int, loss: float) -> None:
+            show(update, f"{loss:.3f}", "")
+
+        yield progress
+
+
+def _tell(result: Any, loss_name: str, as_json: bool) -> None:
+    """How a learner's training ended."""
+    CONSOLE.print(
+        f"Training {result.stopped}: {result.updates} updates, in {result.weights}", markup=False, soft_wrap=True
+    )
+    if as_json:
+        print_json(
+            {
+                "updates": result.updates,
+                loss_name: result.loss,
+                "weights": str(result.weights),
+                "stopped": result.stopped,
+            }
         )
-        if self.json:
-            print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
 
 
 @contextlib.contextmanager
