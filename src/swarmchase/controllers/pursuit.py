@@ -1,7 +1,6 @@
 """``pursuit``: a network that has learned to chase in flight from its own flights, by reward (``training.pursuit``).
 
-It flies as the network commands, with the widest spacing and a cross that turns, as ``adaptive`` does. Its belief is
-Gaussian, the same on all axes. What it cannot do is say what the channel is like, or leave a receiver out: it knows the
+It flies as the network commands, with the widest spacing. Its belief is Gaussian, the same on all axes. What it cannot do is say what the channel is like, or leave a receiver out: it knows the
 channels it was trained in. In an interval without any sample it goes on by what it remembers.
 """
 
@@ -12,7 +11,7 @@ import torch
 
 from ..batch.array_types import Float, Int, Tensor
 from ..errors import InputError
-from ..formation import Action, fastest_turn_rad_per_s
+from ..formation import Action
 from ..networks.pursuit import PursuitNetwork
 from ..observation import Observation, center_m, checked_observation, mean_position_m
 from ..scenario import Scenario
@@ -20,9 +19,6 @@ from .belief import GAUSSIAN_REACH, LEAST_VARIANCE_M2, Belief
 from .condition import Condition
 from .described import Described
 from .explanation import Explanation
-
-TURN_RAD_PER_S = 1.0
-"""Of the cross, where it may turn so fast: so it was trained."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,6 @@ class PursuitController(Described):
         self._scenario = scenario
         self._network = network.eval()
         self._full_m = scenario.tracker_speed_mps * scenario.decision_s
-        self._turn_rad = min(TURN_RAD_PER_S, fastest_turn_rad_per_s(scenario)) * scenario.decision_s
         self._widest_m = max(scenario.spacing_choices_m)
 
     def begin(self, num_chases: int, seed: int, first_chase: int = 0) -> PursuitMemory:
@@ -81,7 +76,7 @@ class PursuitController(Described):
             reading, following = self._network(*inputs)
             command = reading.command[:num_chases].double().clone()
         spacing_m = torch.full((num_chases,), self._widest_m, dtype=torch.float64)
-        action = Action(spacing_m, command * self._full_m, torch.full_like(spacing_m, self._turn_rad))
+        action = Action(spacing_m, command * self._full_m)
         deaf = ~rssi_dbm.isfinite().flatten(1).any(dim=1)
         return action, dataclasses.replace(
             memory,

@@ -20,15 +20,13 @@ import torch
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.selection import join_chases, pack, select_chases, unpack
 from ..errors import InputError
-from ..formation import Action, fastest_turn_rad_per_s
+from ..formation import Action
 from ..networks.pursuit import PursuitNetwork, PursuitReading, at_most_one
 from ..observation import mean_position_m
 from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, POSITIVE, SHARE, ranged, require_ranges
 from ..scenario import Scenario, load_scenario
 from ..world.environment import Environment, State
 
-TURN_RAD_PER_S = 1.0
-"""Of the cross, where it may turn so fast; as ``adaptive`` does."""
 LONGEST_INTERVALS = 400
 FARTHEST_M = 450.0
 """A flight that has come to this many intervals, or so far from the target, ends."""
@@ -144,7 +142,6 @@ class Lesson:
         slow = replace(scenario, target_speed_mps=SLOW * scenario.target_speed_mps)
         self._environments = {False: Environment(scenario, device), True: Environment(slow, device)}
         self._full_m = scenario.tracker_speed_mps * scenario.decision_s
-        self._turn_rad = min(TURN_RAD_PER_S, fastest_turn_rad_per_s(scenario)) * scenario.decision_s
         self._chases = torch.Generator().manual_seed(seed)
         self._next_chase = 0
         self._flights = self._begun(num_flights)
@@ -198,8 +195,7 @@ class Lesson:
         spacing_m = torch.full_like(state.spacing_m, max(self._scenario.spacing_choices_m))
         displacement_m = at_most_one(taken.double()) * self._full_m
         with torch.no_grad():
-            action = Action(spacing_m, displacement_m, torch.full_like(spacing_m, self._turn_rad))
-            state, outcome = self._environments[slow].step(state, action)
+            state, outcome = self._environments[slow].step(state, Action(spacing_m, displacement_m))
         return state, outcome.reached, log_probability
 
     def _renew(self) -> None:
