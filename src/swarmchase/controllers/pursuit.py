@@ -1,7 +1,8 @@
 """``pursuit``: a network that has learned to chase in flight from its own flights, by reward (``training.pursuit``).
 
-It flies as the network commands, with the widest spacing. Its belief is Gaussian, the same on all axes. What it cannot do is say what the channel is like, or leave a receiver out: it knows the
-channels it was trained in. In an interval without any sample it goes on by what it remembers.
+It flies as the network commands, with the widest spacing. Its belief is Gaussian, the same on all axes. What it cannot
+do is say what the channel is like, or leave a receiver out: it knows the channels that it was trained in. In an
+interval without any sample it goes on by what it remembers.
 """
 
 import dataclasses

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
+from torch.nn.functional import huber_loss
 
 from ..batch.array_types import Bool, Float, Int, Tensor
 from ..batch.selection import join_chases, pack, select_chases, unpack
@@ -38,8 +39,8 @@ CLEAR_M, CLEAR_SHARE = 3.0, 0.5
 """An error of so many metres, and this share of the distance, counts as 1."""
 VELOCITY_WEIGHT = 0.1 / 5.0
 SPREAD_WEIGHT = 0.05
-MOST_SPREADS = 50.0
-"""Half of an error's square in standard deviations counts as no more."""
+MOST_SPREADS = 5.0
+"""Errors of more standard deviations count in proportion, not by their square (Huber 1964)."""
 POLICY_WEIGHT, VALUE_WEIGHT = 0.3, 0.02
 REWARD_REACHED, REWARD_INTERVAL = 5.0, -0.1
 """For the target, and for every interval; coming nearer by an interval at full speed is worth 1."""
@@ -267,8 +268,10 @@ def _estimate_loss(reading: PursuitReading, state: State) -> Float[Tensor, ""]:
     ratio = ((estimated_m + 1) / (distance_m + 1)).log().abs()
     cosine = (reading.way_m * way_m).sum(dim=1) / (estimated_m * distance_m).clamp(min=1e-3)
     velocity_error_mps = (reading.velocity_mps - state.target.velocity_mps.float()).norm(dim=1)
-    squared = 0.5 * (error_m.detach() / reading.spread_m).square()
-    surprise = 3 * reading.spread_m.log() + squared.clamp(max=MOST_SPREADS)
+    spreads = error_m.detach() / reading.spread_m
+    surprise = 3 * reading.spread_m.log() + huber_loss(
+        spreads, torch.zeros_like(spreads), reduction="none", delta=MOST_SPREADS
+    )
     loss: Tensor = (
         error_m / (CLEAR_M + CLEAR_SHARE * distance_m)
         + ratio
