@@ -157,6 +157,7 @@ def _features(
     step_m: Float[Tensor, "chase 3"],
     told_dbm: Float[Tensor, "chase 1"],
 ) -> Float[Tensor, "chase feature"]:
+    rssi_dbm = rssi_dbm.contiguous()  # one layout in memory: else the last bits would depend on where it comes from
     power_dbm = mean_power_dbm(rssi_dbm)
     is_heard = power_dbm.isfinite()
     level_db = torch.where(is_heard, power_dbm - told_dbm, 0.0)

@@ -125,7 +125,7 @@ class _Flights:
 
 
 @dataclass(frozen=True)
-class _Turn:
+class Turn:
     """What an update learns from, one after another [interval]."""
 
     estimate_loss: list[Float[Tensor, ""]]
@@ -149,12 +149,22 @@ class Lesson:
         age = torch.randint(LONGEST_INTERVALS, (num_flights,), generator=self._chases).to(device)
         self._flights = replace(self._flights, age=age)
 
+    @property
+    def ages(self) -> Int[Tensor, "chase"]:
+        """Intervals that each flight has flown."""
+        return self._flights.age
+
+    @property
+    def num_begun(self) -> int:
+        """Flights altogether."""
+        return self._next_chase
+
     def turn_loss(
         self, intervals: int, exploration: float, reinforced: bool, slow: bool, generator: torch.Generator
     ) -> Float[Tensor, ""]:
         """Fly on for so many intervals; the loss of all of them."""
         self._renew()
-        flights, turn = self._flights, _Turn([], [], [], [], [])
+        flights, turn = self._flights, Turn([], [], [], [], [])
         state, memory, is_over, age = flights.state, flights.memory.detach(), flights.is_over, flights.age
         for _ in range(intervals):
             reading, memory = self._read(state, memory)
@@ -282,22 +292,31 @@ def _estimate_loss(reading: PursuitReading, state: State) -> Float[Tensor, ""]:
     return loss
 
 
-def _reinforced_loss(turn: _Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, ""]:
-    """Of actor and critic, by generalised advantages."""
+def _reinforced_loss(turn: Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, ""]:
+    """Of actor and critic."""
     value = torch.stack(turn.value)
-    advantages: list[Tensor] = []
+    won = advantages(turn, last_value)
+    loss: Tensor = POLICY_WEIGHT * policy_loss(won, torch.stack(turn.log_probability))
+    return loss + VALUE_WEIGHT * (value - (won + value).detach()).square().mean()
+
+
+def advantages(turn: Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, "interval chase"]:
+    """Generalised advantages of a turn after which the critic expects ``last_value``."""
     with torch.no_grad():
         advantage, following = torch.zeros_like(last_value), last_value
-        for reward, own, reached in zip(
-            reversed(turn.reward), reversed(turn.value), reversed(turn.is_reached), strict=True
-        ):
+        backwards: list[Tensor] = []
+        steps = zip(turn.reward, turn.value, turn.is_reached, strict=True)
+        for reward, value, reached in reversed(list(steps)):
             goes_on = (~reached).float()
-            advantage = reward + DISCOUNT * goes_on * following - own + DISCOUNT * TRACE * goes_on * advantage
-            advantages.append(advantage)
-            following = own
-        won = torch.stack(advantages[::-1])
-        expected = won + value
-        won = ((won - won.mean()) / (won.std() + 1e-6)).clamp(-MOST_ADVANTAGE, MOST_ADVANTAGE)
-    policy_loss = -(won * torch.stack(turn.log_probability)).mean()
-    loss: Tensor = POLICY_WEIGHT * policy_loss + VALUE_WEIGHT * (value - expected).square().mean()
-    return loss
+            advantage = reward + DISCOUNT * goes_on * following - value + DISCOUNT * TRACE * goes_on * advantage
+            backwards.append(advantage)
+            following = value
+        return torch.stack(backwards[::-1])
+
+
+def policy_loss(
+    advantage: Float[Tensor, "interval chase"], log_probability: Float[Tensor, "interval chase"]
+) -> Float[Tensor, ""]:
+    """Less where what won more than others is more probable."""
+    relative = ((advantage - advantage.mean()) / (advantage.std() + 1e-6)).clamp(-MOST_ADVANTAGE, MOST_ADVANTAGE)
+    return -(relative * log_probability).mean()
