@@ -13,7 +13,7 @@ import torch
 from ..batch.array_types import Float, Int, Tensor
 from ..errors import InputError
 from ..formation import Action
-from ..networks.pursuit import PursuitNetwork
+from ..networks.pursuit import PursuitNetwork, at_most_one
 from ..observation import Observation, center_m, checked_observation, mean_position_m
 from ..scenario import Scenario
 from .belief import GAUSSIAN_REACH, LEAST_VARIANCE_M2, Belief
@@ -75,7 +75,7 @@ class PursuitController(Described):
             inputs = [torch.cat([part, part[:1].expand(missing, *part.shape[1:])]) for part in inputs]
         with torch.inference_mode():
             reading, following = self._network(*inputs)
-            command = reading.command[:num_chases].double().clone()
+            command = at_most_one(reading.command[:num_chases].double())  # once more: float32 may round up
         spacing_m = torch.full((num_chases,), self._widest_m, dtype=torch.float64)
         action = Action(spacing_m, command * self._full_m)
         deaf = ~rssi_dbm.isfinite().flatten(1).any(dim=1)
