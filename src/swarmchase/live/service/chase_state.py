@@ -172,3 +172,6 @@ class Snapshot:
     """How far the formation's cross has turned."""
     following: FollowedShare | None = None
     """Since a target that is followed was first reached; None before."""
+    asked_m: Metres = (0.0, 0.0, 0.0)
+    """By the last decision, the way of the centre until the next one, before limits change it: the controller's, or the
+    course's in flight."""
