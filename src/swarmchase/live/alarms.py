@@ -12,9 +12,9 @@ from ..controllers.condition import Condition
 from ..scenario import NUM_TRACKERS
 from .link import messages as link_messages
 from .link.mavlink import ControllerMavlinkLink
-from .link.messages import Notice, TrackerMode
+from .link.messages import TrackerMode
 from .rates import SPAN_S, Rates, in_words
-from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerSnapshot
+from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerLine, TrackerSnapshot
 from .service.preflight import in_words as preflight_in_words
 from .standing import Standing
 
@@ -76,7 +76,7 @@ WITH_SIX = LED | {ChaseState.HOLDING}
 """In these states a tracker that has not come is missed."""
 
 
-def severity_of(notice: Notice) -> Severity:
+def severity_of(notice: TrackerLine) -> Severity:
     """What a tracker's line is to the operator of all."""
     if notice.severity <= link_messages.Severity.ERROR:
         return Severity.CRITICAL

@@ -23,11 +23,10 @@ from page_frames import (
 )
 from page_publisher import LiveChase
 from page_serving import port_of, served, until
-from swarmchase.live.link.messages import Notice
 from swarmchase.live.link.messages import Severity as LinkSeverity
 from swarmchase.live.page.feed import Feed
 from swarmchase.live.page.server import PageServer
-from swarmchase.live.service.chase_state import PreflightCheck, Snapshot
+from swarmchase.live.service.chase_state import PreflightCheck, Snapshot, TrackerLine
 
 CHROMIUM = shutil.which("chromium")
 QUIET = [
@@ -420,7 +419,7 @@ def with_every_word(snapshot: Snapshot) -> Snapshot:
     one = dataclasses.replace(
         one,
         left_out="12 m from its place",
-        notices=(Notice(0, 1, LinkSeverity.WARNING, "EKF variance"),),
+        notices=(TrackerLine(1, LinkSeverity.WARNING, "EKF variance"),),
         dropped={"no signal": 7},
     )
     checks = (
