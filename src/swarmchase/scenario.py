@@ -195,6 +195,9 @@ class Scenario:
     frame_s: float = _departure(0.2, POSITIVE, "choice", "Mean length of a frame of a target that transmits in frames.")
     silence_s: float = _departure(0.0, Range(0.0, 3600.0), "choice", "Length of the target's long silences.")
     between_silences_s: float = _departure(60.0, POSITIVE, "choice", "Mean time from one long silence to the next.")
+    silence_at_s: float | None = _departure(
+        None, AT_LEAST_ZERO, "choice", "When the target's only long silence begins; None for several, at random."
+    )
     missing_burst_s: float = _departure(
         0.0, Range(0.0, 3600.0), "choice", "Mean length of the gaps that missing samples come in; 0 for one by one."
     )

@@ -256,6 +256,7 @@ def test_a_chase_outlives_a_killed_service(site: Site) -> None:
         told = tracker.stop()
         assert (told["tracker"], told["mode"]) == (number, "holding")
         assert told["position_m"][0] > PLACES_M[number][0] + 4
+        assert told["levels"] > 20
         assert set(told["ignored"]) <= {"not newer than the last", "too long under way"}
 
 
@@ -433,7 +434,7 @@ def test_a_clock_behind_what_was_signed_last_is_refused_in_one_line(
         )
         main(["keys", "reset", sender, "--state-folder", str(tmp_path)])
         assert "Forgotten: when" in capsys.readouterr().err
-        assert re.match("'nowhere' is refused|vehicle 'balloon' is refused", refusal(words, capsys))
+        assert re.match("--page 'nowhere' is refused|vehicle 'balloon' is refused", refusal(words, capsys))
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------
@@ -450,7 +451,7 @@ TRACKER = "tracker --number 3 --state-folder state --unsigned --service 127.0.0.
         (f"{SERVE} --keys gone", "cannot read key file gone: No such file or directory"),
         (f"{SERVE} --keys open", "key file open is open to others (mode 0640): run chmod 600 open"),
         (f"{SERVE} --keys whole --listen 127.0.0.1:TAKEN", "cannot bind UDP port"),
-        (f"{SERVE} --keys whole --listen nowhere", "'nowhere' is refused: allowed is HOST:PORT"),
+        (f"{SERVE} --keys whole --listen nowhere", "--listen 'nowhere' is refused: allowed is HOST:PORT"),
         (f"{SERVE} --unsigned --listen 0.0.0.0:0", "without keys only the loopback interface is allowed"),
         (f"{SERVE} --unsigned --listen 127.0.0.1:0 --minimum-trackers 7", "minimum_trackers = 7 is refused"),
         (f"{SERVE} --unsigned --listen 127.0.0.1:0 --highest-speed-mps 0", "highest_speed_mps = 0.0 is refused"),

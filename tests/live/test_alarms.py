@@ -11,7 +11,7 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 pytest.importorskip("mcap", reason="the log needs mcap: pip install 'swarmchase[live]'")
 
 from live_bench import Bench
-from page_frames import ShownChase, misheard_chase, ordinary_chase, troubled_chase
+from page_frames import ShownChase, misheard_chase, ordinary_chase, recorded, troubled_chase
 from swarmchase.controllers.condition import Condition
 from swarmchase.live.alarms import Alarms, Severity
 from swarmchase.live.audience import Audience, AudienceOptions
@@ -67,6 +67,16 @@ def test_events_say_what_begins_changes_and_ends_and_when() -> None:
     assert dict(told)["tracker 5 is lost"] == pytest.approx(13, abs=0.1)  # a second after it froze
     assert len([text for text, _ in told if text.startswith("the safety filter changes what")]) == 1
     assert not [text for text, _ in told if "movement 1" in text]
+
+
+def test_a_tracker_that_stays_where_it_is_not_to_be_is_named_before_it_is_left_out() -> None:
+    chase = recorded(13.0, controller="gradient", faults="stays=2@0")
+    alarms = [alarm for frame in chase.frames for alarm in frame["alarms"]]
+    assert {(alarm["text"], alarm["severity"], alarm["tracker"]) for alarm in alarms} == {
+        (f"tracker 2 has not moved for {seconds} s, and is told to be elsewhere", "warning", 2) for seconds in (10, 11)
+    }
+    said = [event["text"] for event in chase.frames[-1]["events"] if "move" in event["text"]]
+    assert said[-1] == "tracker 2 does not move, and is told to be elsewhere"
 
 
 def test_rejections_are_told_again_after_a_pause() -> None:

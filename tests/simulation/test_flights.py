@@ -247,6 +247,24 @@ def test_whoever_stops_in_the_midst_of_a_flight_is_not_run_into(fault: str) -> N
         assert np.linalg.norm(np.mean(others_m, axis=0) - left_m) > 20.0
 
 
+def test_the_one_silence_of_a_scenario_is_that_of_the_chase_s_own_time() -> None:
+    """As in the evaluation, which has the same radio; before the chase the target is heard."""
+    scenario = Scenario.from_dict(NEAR.to_dict() | {"silence_s": 1.0, "silence_at_s": 0.0})
+    log: list[Decision | Transition] = []
+    chase = VirtualChase(scenario, Flies(0.6, 0.8, 0.0), 3, 1, settings=BY_OPERATOR, recorder=log.append)
+    while chase.service.state is not ChaseState.PURSUING:
+        chase.tick()
+    assert max(one.rssi_age_s for one in chase.service.snapshot().trackers) < 0.3
+    for _ in range(120):
+        chase.tick()
+    decisions = [entry for entry in log if isinstance(entry, Decision)]
+    time_s = np.concatenate([one.time_s for one in decisions if one.time_s is not None])
+    is_heard = np.isfinite(np.concatenate([one.rssi_dbm for one in decisions])).all(axis=1)
+    assert time_s[is_heard].min() == pytest.approx(1.0, abs=0.026)
+    assert time_s[~is_heard].max() == pytest.approx(0.95, abs=0.026)
+    assert not any("lost" in entry.reason for entry in log if isinstance(entry, Transition))
+
+
 def test_no_vehicle_leaves_the_fence_and_the_words_say_why() -> None:
     limits = SafetyLimits(-30.0, 30.0, -30.0, 30.0, -40.0, 40.0, FULL_SPEED_MPS)
     flight = Flight(Flies(1, 0, 0), settings=BY_OPERATOR, limits=limits)

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase import load_controller, paper_scenario
+from swarmchase.benchmarks.soak import of_the_target
 from swarmchase.errors import InputError
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, Transition
 from swarmchase.live.service.settings import ServiceSettings
@@ -73,6 +74,13 @@ def test_a_target_that_falls_silent_is_followed_lost_looked_for_and_found_again(
     assert 18.4 < (lost.time_ns - began_ns) / 1e9 < 20.5
     assert 21.0 < (found.time_ns - began_ns) / 1e9 < 25.0
     assert found.reason == "the target is found again"
+    told = of_the_target(flight.transitions)
+    assert (told["times_reached"], told["times_lost"], told["times_found"]) == (
+        flight.states().count("following"),
+        1,
+        1,
+    )
+    assert told["searched_s"] == pytest.approx((found.time_ns - lost.time_ns) / 1e9, abs=0.1)
     assert (ended.after, ended.reason) == (ChaseState.REACHED, "it was followed for 22 s")
     assert (ended.time_ns - caught.time_ns) / 1e9 == pytest.approx(22.0, abs=0.6)
     assert result.least_separation_m > 6.0
@@ -91,6 +99,8 @@ def test_a_search_that_goes_on_after_a_pause_says_that_the_target_is_lost() -> N
     flight.chase.service.resume()
     flight.until(ChaseState.SEARCHING)
     assert flight.transitions[-1].reason == "the cause of holding is gone; the target is still lost"
+    told = of_the_target(flight.transitions)
+    assert (told["times_lost"], told["times_found"]) == (1, 0)
 
 
 def test_who_follows_stays_with_a_target_that_lands_and_holds_and_ends_by_the_operator_s_words() -> None:

@@ -1,6 +1,7 @@
 """Live flights in which trackers hear nothing for a while: they go on as they were told, and keep apart."""
 
 import math
+import re
 from random import Random
 from typing import Any
 
@@ -11,6 +12,8 @@ import torch
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase.formation import Action
+from swarmchase.live.alarms import Alarms, Severity
+from swarmchase.live.events import Event, Events
 from swarmchase.live.service import pursuit
 from swarmchase.live.service.chase_state import Decision
 from swarmchase.live.service.flight_separation import LONGEST_VALID_S
@@ -157,6 +160,34 @@ def test_a_swarm_whose_service_dies_comes_to_rest_inside_the_fence() -> None:
     assert flight.speeds_mps().max() < 0.05
     assert 50.0 < flight.places_m()[:, 0].max() <= 60.0
     assert flight.least_m > 4.9
+
+
+def test_a_swarm_that_is_kept_in_one_place_is_an_alarm_until_it_moves_and_one_that_hovers_is_none() -> None:
+    controller = Wants(Random(0), 1e-9, 0.0, 0.0)
+    flight = Flight(controller, limits=SafetyLimits(-20.0, 20.0, -20.0, 20.0, -20.0, 20.0, FULL_SPEED_MPS))
+    told: list[Event] = []
+    events = Events(Alarms(flight.chase.link), [told.append])
+    flight.chase._watch = events
+
+    def critical() -> list[str]:
+        return [alarm.text for alarm in events.alarms if alarm.severity is Severity.CRITICAL]
+
+    flight.fly(13.0)
+    assert critical() == []
+    controller.way = np.array([1.0, 0.0, 0.0])
+    flight.fly(9.0)  # there after four of them
+    assert critical() == []
+    flight.fly(9.0)
+    assert [re.sub(r"\d+ s", "N s", text) for text in critical()] == [
+        "the swarm has not moved for N s, and is to fly on: aside or slower to keep the fence"
+    ]
+    controller.way = np.array([-1.0, 0.0, 0.0])
+    flight.fly(3.0)
+    assert critical() == []
+    assert [event.text for event in told if "the swarm" in event.text] == [
+        "the swarm does not move, and is to fly on: aside or slower to keep the fence",
+        "the swarm is kept in one place no more",
+    ]
 
 
 @pytest.mark.parametrize("seed", range(3))

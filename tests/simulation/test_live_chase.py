@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -308,7 +309,8 @@ def test_a_killed_chase_leaves_a_log_and_nothing_else(tmp_path: Path, lives: lis
         ("--log there.mcap", "cannot write the log there.mcap: it exists already"),
         ("--log there.mcap/chase.mcap", "cannot write to folder there.mcap: File exists"),
         ("--page 127.0.0.1:TAKEN", "cannot serve a page on 127.0.0.1:"),
-        ("--page nonsense", "'nonsense' is refused: allowed is HOST:PORT"),
+        ("--output cot-udp:127.0.0.1:1 --global-origin 48 11 500 --page 127.0.0.1:TAKEN", "cannot serve a page on"),
+        ("--page nonsense", "--page 'nonsense' is refused: allowed is HOST:PORT"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -335,3 +337,4 @@ def test_bad_input_is_one_line(
     assert (end.value.code, captured.out) == (2, "")
     assert len(told) == 1
     assert told[0].removeprefix("swarmchase: ").startswith(line)
+    assert not re.search("is shown at|The page is at|The log is", captured.err)

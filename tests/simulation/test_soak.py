@@ -1,5 +1,6 @@
 """A live chase that goes on and on holds no more than it did. ``swarmchase benchmark soak`` watches it for an hour."""
 
+import dataclasses
 import gc
 import sys
 
@@ -8,11 +9,14 @@ import pytest
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase import load_controller, paper_scenario
+from swarmchase.benchmarks.soak import endless
 from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Events
 from swarmchase.live.service.settings import ServiceSettings
+from swarmchase.scenario import load_scenario
 from swarmchase.simulation.fault_plan import fault_plan
+from swarmchase.simulation.site import site_limits
 from swarmchase.simulation.virtual_chase import START_NS, VirtualChase
 
 WARM_UP_S, SOAK_S = 40.0, 80.0
@@ -42,3 +46,14 @@ def test_what_a_chase_holds_does_not_grow() -> None:
     growth = held_after(SOAK_S) - before
     assert chase.service.snapshot().movements > movements + 4
     assert growth < MOST_GROWTH_BLOCKS
+
+
+def test_nothing_ends_a_flight_within_the_time_and_its_target_stays_inside_the_fence() -> None:
+    scenario = dataclasses.replace(load_scenario("flight"), follow_s=30.0)
+    flies = endless(scenario, 3600.0)
+    assert flies.max_movements * flies.decision_s == 3600
+    assert flies.follow_s == 0
+    limits = site_limits(flies)
+    assert scenario.farthest_start_m is not None
+    assert -limits.fence_west_m == limits.fence_east_m == 3600 * scenario.target_speed_mps + scenario.farthest_start_m
+    assert site_limits(scenario).fence_east_m == 1800  # two minutes at 5 m/s are less

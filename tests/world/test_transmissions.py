@@ -65,6 +65,16 @@ def test_long_silences_come_as_often_and_last_as_long_as_the_scenario_says() -> 
     assert begun == pytest.approx(1_000 * 600 / 64, rel=0.05)
 
 
+def test_one_silence_begins_and_ends_when_the_scenario_says() -> None:
+    time_s = clock_s(3, 400, 10.0)
+    on = transmits(paper_scenario(silence_s=20.0, silence_at_s=14.0), time_s)
+    assert torch.equal(on, (time_s < 14.0) | (time_s >= 34.0))
+    frames = transmits(paper_scenario(transmit_duty=0.4), time_s)
+    assert torch.equal(
+        transmits(paper_scenario(transmit_duty=0.4, silence_s=20.0, silence_at_s=14.0), time_s), frames & on
+    )
+
+
 def test_frames_and_silences_are_independent() -> None:
     both = transmits(
         paper_scenario(transmit_duty=0.5, silence_s=5.0, between_silences_s=5.0), clock_s(2_000, 400, 10.0)

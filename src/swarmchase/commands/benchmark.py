@@ -1,6 +1,5 @@
 """``swarmchase benchmark NAME``: measure this machine, side by side with the peers."""
 
-import dataclasses
 import importlib
 import itertools
 import math
@@ -172,7 +171,8 @@ class BenchmarkSeparationCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkSoakCommand(ScenarioOptions):
-    """A live chase in real processes that does not end, with page and log: memory over time, decision time."""
+    """A live chase in real processes that does not end, with page and log: memory over time, decision time; of a target
+    that flies also how well it is followed."""
 
     controller: str = "recurrent"
     """As for swarmchase live."""
@@ -184,10 +184,23 @@ class BenchmarkSoakCommand(ScenarioOptions):
     """Print one JSON object on standard output."""
 
     def run(self) -> None:
-        """Measure and report."""
-        from ..benchmarks import soak
+        """Measure and report.
 
-        scenario = dataclasses.replace(self.world(), max_movements=1_000_000)
+        Raises:
+            InputError: too short, or nothing that a live chase plays.
+        """
+        from ..benchmarks import soak
+        from ..controllers import load_controller
+        from ..live.service.service import require_judged
+        from ..live.service.settings import ServiceSettings
+        from ..simulation.fault_plan import fault_plan
+        from ..simulation.site import require_played, require_site
+
+        scenario = self.world()
+        require_site(scenario)
+        require_played(scenario, fault_plan(self.faults))
+        flies = scenario.pace == "listen_in_flight"
+        require_judged(scenario, load_controller(self.controller, scenario), ServiceSettings(follow=flies))
         with progress_bar("soak", int(self.seconds), "") as show:
             result = soak.measure(
                 scenario, self.controller, self.seconds, self.faults, lambda passed_s: show(passed_s, "", "")

@@ -44,9 +44,9 @@ FIELD_SUBJECTS = {
         "shadowing_db shadowing_distance_m shadowing_common_share ground_reflection"
     ),
     "World: what is sent and heard": (
-        "window_samples sampling_hz transmit_duty frame_s silence_s between_silences_s missing_burst_s "
-        "receiver_offset_db missing_sample_share silent_trackers receiver_step_db receiver_floor_dbm "
-        "receiver_ceiling_dbm wrong_trackers stuck_trackers garbage_share"
+        "window_samples sampling_hz transmit_duty frame_s silence_s between_silences_s silence_at_s "
+        "missing_burst_s receiver_offset_db missing_sample_share silent_trackers receiver_step_db "
+        "receiver_floor_dbm receiver_ceiling_dbm wrong_trackers stuck_trackers garbage_share"
     ),
     "World: target": (
         "behaviour target_speed_mps target_acceleration_mps2 alert_distance_m start_distance_m farthest_start_m "

@@ -106,7 +106,7 @@ class ReplayCommand:
 
         if not recording.num_frames:
             raise InputError(f"the log {self.file} has no frames to show; --verify and --json work without")
-        host, port = host_and_port(self.page)
+        host, port = host_and_port(self.page, "--page")
         feed = Feed(page_info(recording.head) | {"duration_s": round(recording.seconds, 3)}, is_live=False)
         with stop_request() as request:
             server = PageServer(feed, host, port, new_token(host))

@@ -57,7 +57,7 @@ class ServeCommand(LimitValues, ServiceOptions, ScenarioOptions, LinkOptions, Ou
         from ..live.session import Assignment, Session
         from ..processes.stop_request import stop_request
 
-        host, port = host_and_port(self.listen)
+        host, port = host_and_port(self.listen, "--listen")
         scenario, limits, settings, keys = self.world(), self.limits(), self.settings(), self.read_keys()
         controller = ready_controller(self.controller, scenario, self.seed)
         require_judged(scenario, controller, settings)

@@ -97,7 +97,7 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
         from ..live.tracker.agent import AgentSettings
         from ..processes.stop_request import stop_request
 
-        host, port = host_and_port(self.service)
+        host, port = host_and_port(self.service, "--service")
         settings, key = AgentSettings(**fields_from(self, AgentSettings)), self._key()
         state_path = self.folder() / tracker_file(self.number)
         with line_printer() as tell, stop_request() as request:
@@ -106,6 +106,8 @@ class TrackerCommand(LinkOptions, ConfigurationOptions):
                 summary = self._fly(link, settings, request, tell)
             finally:
                 link.close()
+            dropped = ", ".join(f"{count} {reason}" for reason, count in summary.dropped.items())
+            tell(f"Tracker {self.number} heard {summary.levels} levels; dropped: {dropped or 'none'}.")
         if self.json:
             print_json(dataclasses.asdict(summary))
 

@@ -21,6 +21,7 @@ UNTOLD = (
     "frame_s",
     "silence_s",
     "between_silences_s",
+    "silence_at_s",
     "receiver_step_db",
     "receiver_floor_dbm",
     "receiver_ceiling_dbm",

@@ -30,8 +30,11 @@ class AddressKind:
 _Kind = TypeVar("_Kind", bound=AddressKind)
 
 
-def host_and_port(text: str, default_host: str | None = None) -> tuple[str, int]:
+def host_and_port(text: str, what: str, default_host: str | None = None) -> tuple[str, int]:
     """``127.0.0.1:14550`` and ``[::1]:14550``; ``14550`` alone where there is a default host.
+
+    Args:
+        what: asks for it, for the refusal: ``--page``, ``source udp``.
 
     Raises:
         InputError: it is no such address.
@@ -43,7 +46,7 @@ def host_and_port(text: str, default_host: str | None = None) -> tuple[str, int]
     is_port = port.isascii() and port.isdigit() and int(port) < 2**16
     if not host or not is_port:
         allowed = "HOST:PORT" if default_host is None else "PORT or HOST:PORT"
-        raise InputError(f"{text!r} is refused: allowed is {allowed}, with a port from 0 to {2**16 - 1}")
+        raise InputError(f"{what} {text!r} is refused: allowed is {allowed}, with a port from 0 to {2**16 - 1}")
     return host, int(port)
 
 

@@ -12,10 +12,11 @@ from ..controllers.condition import Condition
 from ..scenario import NUM_TRACKERS
 from .link import messages as link_messages
 from .link.mavlink import ControllerMavlinkLink
-from .link.messages import Notice, TrackerMode
+from .link.messages import TrackerMode
 from .rates import SPAN_S, Rates, in_words
-from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerSnapshot
+from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerLine, TrackerSnapshot
 from .service.preflight import in_words as preflight_in_words
+from .standing import Standing
 
 READY_S = 2.0
 """So long trackers that have just come may take until the preflight passes."""
@@ -75,7 +76,7 @@ WITH_SIX = LED | {ChaseState.HOLDING}
 """In these states a tracker that has not come is missed."""
 
 
-def severity_of(notice: Notice) -> Severity:
+def severity_of(notice: TrackerLine) -> Severity:
     """What a tracker's line is to the operator of all."""
     if notice.severity <= link_messages.Severity.ERROR:
         return Severity.CRITICAL
@@ -116,6 +117,9 @@ class Alarms:
         self._unready_since_ns: int | None = None
         """Since when the preflight has been holding up the start."""
         self._dropped = [Rates() for _ in range(NUM_TRACKERS)]
+        self._standing = Standing()
+        self._stands_because = ""
+        """What was said of it when the swarm began to stand."""
 
     def __call__(self, snapshot: Snapshot) -> list[Alarm]:
         """All that is wrong at this moment, the worst first."""
@@ -125,6 +129,7 @@ class Alarms:
             *_of_controller(snapshot),
             *_of_receivers(snapshot),
             *_of_safety_filter(snapshot),
+            *self._of_standing(snapshot),
             *self._of_preflight(snapshot),
             *self._of_rejections(snapshot.time_ns),
             *self._of_samples(snapshot),
@@ -143,6 +148,29 @@ class Alarms:
         if snapshot.time_ns - self._unready_since_ns >= READY_S * 1e9:
             text = f"the preflight has not passed: {preflight_in_words(failed)}"
             yield Alarm("preflight", f"{text}; the word override begins all the same", news=text)
+
+    def _of_standing(self, snapshot: Snapshot) -> Iterator[Alarm]:
+        self._standing.take(snapshot)
+        seconds, decision = self._standing.swarm_s, snapshot.last_decision
+        because = f": {decision.changed}" if decision is not None and decision.changed else ""
+        self._stands_because = "" if seconds is None else self._stands_because or because
+        if seconds is not None:
+            yield Alarm(
+                "standing",
+                f"the swarm has not moved for {seconds:.0f} s, and is to fly on{because}",
+                Severity.CRITICAL,
+                news=f"the swarm does not move, and is to fly on{self._stands_because}",
+                over="the swarm is kept in one place no more",
+            )
+        for number, tracker_s in enumerate(self._standing.tracker_s):
+            if tracker_s is not None:
+                yield Alarm(
+                    f"standing of {number}",
+                    f"tracker {number} has not moved for {tracker_s:.0f} s, and is told to be elsewhere",
+                    tracker=number,
+                    news=f"tracker {number} does not move, and is told to be elsewhere",
+                    over=f"tracker {number} stands no more where it is not to be",
+                )
 
     def _of_rejections(self, time_ns: int) -> Iterator[Alarm]:
         """How many a second; ``LinkNews`` tells whose they are and why."""

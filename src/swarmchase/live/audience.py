@@ -69,20 +69,24 @@ class Audience:
         takers: list[FrameTaker] = []
         event_takers: list[EventTaker] = [lambda event: tell(_line(event, head.began_ns))]
         recorders: list[Recorder] = []
+        places: list[str] = []
+        """Where the chase is shown and kept: told once all of them can be had."""
         try:
             # In this order: where an output is refused, or the page cannot be had, no log is begun.
             for name in options.outputs:
-                takers.append(self._open_output(name, options.output_details, head, tell))
+                takers.append(self._open_output(name, options.output_details, head, places.append))
             if options.page is not None:
-                takers.append(self._open_page(options.page, head, tell))
+                takers.append(self._open_page(options.page, head, places.append))
             if options.log is not None:
-                take_frame, take_entry = self._open_log(options.log, head, tell)
+                take_frame, take_entry = self._open_log(options.log, head, places.append)
                 takers.append(take_frame)
                 event_takers.append(take_entry)
                 recorders.append(take_entry)
         except Exception:
             self.close()
             raise
+        for line in places:
+            tell(line)
         events = Events(Alarms(link, self._all_alarms), event_takers, LinkNews(link).lines)
         self.journal = Journal([*recorders, events.record])
         """The service's recorder."""
@@ -149,7 +153,7 @@ class _Page:
         from .page.server import PageServer
         from .page.token import new_token
 
-        self._host, port = host_and_port(address)
+        self._host, port = host_and_port(address, "--page")
         self._token = new_token(self._host)
         self.feed = Feed(page_info(head), is_live=True)
         self._server = PageServer(self.feed, self._host, port, self._token)

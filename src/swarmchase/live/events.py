@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from .alarms import Alarm, Severity, TrackerCondition, condition_in_words, condition_of, severity_of
-from .link.messages import Notice
-from .service.chase_state import ChaseState, Decision, Snapshot, Transition
+from .service.chase_state import ChaseState, Decision, Snapshot, TrackerLine, Transition
 
 MOST_SHOWN = 100
 """So many of the newest events a page has, besides routine."""
@@ -48,7 +47,7 @@ class Events:
         self._told: dict[str, Alarm] = {}
         """By cause."""
         self._conditions: dict[int, TrackerCondition] = {}
-        self._notices: dict[int, Sequence[Notice]] = {}
+        self._notices: dict[int, Sequence[TrackerLine]] = {}
 
     def record(self, entry: Transition | Decision) -> None:
         """Take in what the service records."""

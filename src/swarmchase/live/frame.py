@@ -247,7 +247,7 @@ def frame_of(
         rejected={str(reason): count for reason, count in sorted(rejected.items())},
         decision_latency_ms=None if decision_latency_s is None else round(1000 * decision_latency_s, 3),
         alarms=[_alarm(alarm) for alarm in events.alarms],
-        events=[_event(event, began_ns) for event in events.newest],
+        events=[event_frame(event, began_ns) for event in events.newest],
         estimate=estimate,
         channel=None if explanation is None or explanation.found is None else _channel(explanation.found),
         ended_s=None if ended_ns is None else _seconds(ended_ns, began_ns),
@@ -345,7 +345,8 @@ def _alarm(alarm: Alarm) -> AlarmFrame:
     return AlarmFrame(text=alarm.text, severity=alarm.severity.value, tracker=alarm.tracker)
 
 
-def _event(event: Event, began_ns: int) -> EventFrame:
+def event_frame(event: Event, began_ns: int) -> EventFrame:
+    """Of this event in a chase that began then."""
     return EventFrame(time_s=_seconds(event.time_ns, began_ns), severity=event.severity.value, text=event.text)
 
 

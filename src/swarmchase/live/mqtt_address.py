@@ -39,7 +39,7 @@ def mqtt_address(place: str, password_file: Path | None, what: str) -> MqttAddre
     found = _PLACE.fullmatch(place)
     if found is None:
         raise InputError(f"{what} 'mqtt:{place}' is refused: allowed is mqtt:[USER@]HOST[:PORT]/TOPIC")
-    host, port = host_and_port(f"{found['host']}:{found['port'] or DEFAULT_PORT}")
+    host, port = host_and_port(f"{found['host']}:{found['port'] or DEFAULT_PORT}", f"{what} mqtt")
     if password_file is not None and found["user"] is None:
         raise InputError("a password is of a user: mqtt:USER@HOST[:PORT]/TOPIC says whose --mqtt-password-file holds")
     return MqttAddress(host, port, found["topic"], found["user"], _password(password_file))

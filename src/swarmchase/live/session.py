@@ -107,6 +107,7 @@ class Session:
             service.override()
         all_words, all_watchers = [*words, *audience.words], [*watchers, *audience.watchers]
         loop = ServeLoop(service, self._link, audience.journal, all_words, request, self._tell, all_watchers, stay)
+        self._link.forget_waiting()
         return loop.run()
 
     def show_recording(self) -> None:

@@ -81,7 +81,9 @@ class RadioInFlight:
         """The chase's own time began one period before its first sample."""
         self._waited_ns: int | None = None
         """When the first sample before the chase was taken."""
-        self._waiting = self._radio.begin([(seed, chase)])
+        # A silence that is told by the chase's own time is none before it.
+        self._waiting_radio = self._radio if scenario.silence_at_s is None else Radio(replace(scenario, silence_s=0.0))
+        self._waiting = self._waiting_radio.begin([(seed, chase)])
         self._second_m: Tensor | None = None
         self._second = self._radio.begin([(seed, chase + SECOND_CHASE)])
         if second_m is not None:
@@ -156,31 +158,21 @@ class RadioInFlight:
         """
         if self._since_ns is None or time_ns < self._since_ns:
             self._waited_ns = time_ns if self._waited_ns is None else self._waited_ns
-            self._waiting, levels_dbm = self._heard(self._waiting, (time_ns - self._waited_ns) / 1e9, position_m)
+            since_s = (time_ns - self._waited_ns) / 1e9
+            self._waiting, levels_dbm = _heard(self._waiting_radio, self._waiting, since_s, self._target_m, position_m)
         else:
             self._began_ns = time_ns - self._period_ns if self._began_ns is None else self._began_ns
             self._fly(time_ns - self._began_ns, self._swarm or swarm, TargetFault.LANDS in faults)
             self._now_s = (time_ns - self._began_ns) / 1e9
-            self._state, levels_dbm = self._heard(self._state, self._now_s, position_m)
+            self._state, levels_dbm = _heard(self._radio, self._state, self._now_s, self._target_m, position_m)
             self._judge(swarm.center_m - self._target_m)
         self._swarm = swarm
         if TargetFault.MUTE in faults:
             levels_dbm = [math.nan] * len(levels_dbm)
         if self._second_m is None:
             return levels_dbm
-        self._second, second_dbm = self._heard_from(self._second_m, self._second, time_ns / 1e9, position_m)
+        self._second, second_dbm = _heard(self._radio, self._second, time_ns / 1e9, self._second_m, position_m)
         return [_sum_dbm(*both) for both in zip(levels_dbm, second_dbm, strict=True)]
-
-    def _heard(self, state: RadioState, time_s: float, position_m: Tensor) -> tuple[RadioState, list[float]]:
-        return self._heard_from(self._target_m, state, time_s, position_m)
-
-    def _heard_from(
-        self, transmitter_m: Tensor, state: RadioState, time_s: float, position_m: Tensor
-    ) -> tuple[RadioState, list[float]]:
-        at_s = torch.tensor([[time_s]], dtype=torch.float64)
-        rssi_dbm, state = self._radio.heard_dbm(state, at_s, transmitter_m[:, None], position_m[None, None])
-        levels_dbm: list[float] = rssi_dbm[0, 0].tolist()
-        return state, levels_dbm
 
     def _fly(self, after_ns: int, swarm: Swarm, lands: bool) -> None:
         """Have the target fly until so long after the chase's beginning, straight within a step."""
@@ -214,6 +206,15 @@ class RadioInFlight:
             self._samples += 1
             self._samples_near += float(offset_m.norm()) <= FOLLOWING_M
         self._offset_m = offset_m
+
+
+def _heard(
+    radio: Radio, state: RadioState, time_s: float, transmitter_m: Tensor, position_m: Tensor
+) -> tuple[RadioState, list[float]]:
+    at_s = torch.tensor([[time_s]], dtype=torch.float64)
+    rssi_dbm, state = radio.heard_dbm(state, at_s, transmitter_m[:, None], position_m[None, None])
+    levels_dbm: list[float] = rssi_dbm[0, 0].tolist()
+    return state, levels_dbm
 
 
 def _sum_dbm(one_dbm: float, other_dbm: float) -> float:

@@ -26,7 +26,7 @@ from .vehicles_gone_wrong import FailingVehicle
 CATCHING_UP = 1.2
 """A vehicle is so many times as fast as a swarm that never stops: else who is behind stays behind."""
 TARGETS_ROAM_M = 1500.0
-"""So far from its start a target may get before the time is up."""
+"""So far from its start a target gets before the time is up, at least."""
 REPORTS_IN_FLIGHT_HZ = 20.0
 """RSSI messages and positions of each tracker, a second."""
 MOST_SAMPLES_MADE_UP = 100
@@ -209,7 +209,8 @@ def site_limits(scenario: Scenario) -> SafetyLimits:
     """With which a simulated site is flown: in flight there is room for wherever its targets get."""
     if scenario.pace == "stop_and_listen":
         return SafetyLimits()
-    room_m = TARGETS_ROAM_M + (scenario.farthest_start_m or scenario.start_distance_m)
+    roams_m = scenario.target_speed_mps * scenario.max_movements * scenario.decision_s
+    room_m = max(TARGETS_ROAM_M, roams_m) + (scenario.farthest_start_m or scenario.start_distance_m)
     return SafetyLimits(
         -room_m, room_m, -room_m, room_m, -scenario.start_altitude_m, room_m, scenario.tracker_speed_mps
     )

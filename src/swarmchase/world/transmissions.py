@@ -1,4 +1,4 @@
-"""When the target transmits: in frames, with long silences. The paper's does so all the time.
+"""When the target transmits: in frames, with long silences, or one. The paper's does so all the time.
 
 Remote ID beacons come 1 to 4 times a second, and a telemetry link is idle most of the time; what is sampled in between
 is no level.
@@ -31,17 +31,19 @@ class Transmissions:
 
     def __init__(self, scenario: Scenario, device: torch.device | str = "cpu") -> None:
         self._device = torch.device(device)
-        self._frames = self._silences = None
+        self._frames = self._silences = self._silence_s = None
         if scenario.transmit_duty < 1:
             self._frames = Alternation(scenario.transmit_duty, scenario.frame_s)
-        if scenario.silence_s > 0:
+        if scenario.silence_s > 0 and scenario.silence_at_s is not None:
+            self._silence_s = scenario.silence_at_s, scenario.silence_at_s + scenario.silence_s
+        elif scenario.silence_s > 0:
             share = scenario.silence_s / (scenario.silence_s + scenario.between_silences_s)
             self._silences = Alternation(share, scenario.silence_s)
 
     @property
     def pauses(self) -> bool:
         """Whether the target ever does not transmit."""
-        return self._frames is not None or self._silences is not None
+        return any(pause is not None for pause in (self._frames, self._silences, self._silence_s))
 
     def begin(self, streams: ChaseStreams) -> TransmissionState:
         """At the start of these chases, as found at any time of a long flight; draws from the streams."""
@@ -65,4 +67,7 @@ class Transmissions:
         if self._silences and silences is not None:
             silent, silences = self._silences.at(silences, time_s, uniform[:, :, 1])
             transmits = transmits & ~silent[:, :, 0]
+        if self._silence_s is not None:
+            begins_s, ends_s = self._silence_s
+            transmits = transmits & ((time_s < begins_s) | (time_s >= ends_s))
         return transmits, TransmissionState(frames, silences, state.streams)

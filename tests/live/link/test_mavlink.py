@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 from live_bench import FLYING
 from swarmchase.errors import InputError
 from swarmchase.live.link.messages import (
-    LONGEST_NOTICE,
     MOST_NOTICES,
+    MOST_PIECES,
+    PIECE_CHARACTERS,
     FeedForward,
     Health,
     Heartbeat,
@@ -173,8 +174,10 @@ WINDOWS = st.tuples(TRACKERS, whole(2**63 // 1000, 1000), float32(0.125, 10_000)
 POSITIONS = st.tuples(TRACKERS, whole(2**32, 10**6), vectors(100_000), vectors(200))
 VEHICLES = st.builds(VehicleState, st.booleans(), st.sampled_from([None, False, True]), st.booleans())
 HEARTBEATS = st.tuples(TRACKERS, whole(2**32, 10**6), st.sampled_from(TrackerMode), VEHICLES)
-LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=LONGEST_NOTICE)
-NOTICES = st.tuples(TRACKERS, st.integers(1, MOST_NOTICES), st.sampled_from(Severity), LINES)
+LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=PIECE_CHARACTERS)
+NOTICES = st.tuples(
+    TRACKERS, st.integers(1, MOST_NOTICES), st.sampled_from(Severity), LINES, st.integers(0, MOST_PIECES - 1)
+)
 HEALTHS = st.tuples(
     TRACKERS,
     *(st.none() | st.integers(0, most) for most in (100, 8, 254)),
@@ -761,6 +764,18 @@ def test_a_flood_in_one_name_crowds_out_nobody_else(ends: Ends) -> None:
     heard = received(controller, 102)
     assert heard == [heartbeat(4), heartbeat(1)], "and of the loud one the newest wins"
     assert controller.rejected == {"overflow": 101 - MOST_OF_ONE_SENDER, "wrong key": MOST_OF_ONE_SENDER - 1}
+
+
+def test_what_waited_before_anybody_listened_is_no_flood(ends: Ends) -> None:
+    controller = ends.controller()
+    early = ends.tracker(controller, 4)
+    for _ in range(2 * MOST_OF_ONE_SENDER):
+        early.send(heartbeat(4))
+    controller.wait(1.0)
+    controller.forget_waiting()
+    early.send(heartbeat(4))
+    assert received(controller, 1) == [heartbeat(4)]
+    assert controller.rejected == {}
 
 
 class EndlessSocket:

@@ -41,7 +41,7 @@ from swarmchase.formation import Action
 from swarmchase.live.alarms import Alarm, Severity
 from swarmchase.live.earth import EarthOrigin
 from swarmchase.live.events import Event, Events
-from swarmchase.live.frame import Frame, frame_of
+from swarmchase.live.frame import Frame, event_frame, frame_of
 from swarmchase.live.log import recorder as recorder_module
 from swarmchase.live.log import verification as verification_module
 from swarmchase.live.log.entries import (
@@ -172,16 +172,19 @@ def test_a_head_is_kept() -> None:
 
 
 def test_a_log_holds_what_was_recorded_in_its_order(tmp_path: Path) -> None:
-    head, frames = head_for(), [a_frame(0), a_frame(2)]
+    head, frames = head_for(), [a_frame(0), a_frame(2), a_frame(7)]
     items = [a_transition(0), frames[0], a_decision(1), a_transition(1, "movement 1"), frames[1], a_decision(3)]
-    items += [an_event(5), an_event(6)]
+    items += [an_event(5), an_event(6), frames[2]]
     recording = read_recording(written(tmp_path / "new" / "chase.mcap", head, items))
     assert recording.head == head
     assert recording.transitions == (items[0], items[3])
     assert list(map(bits, recording.decisions)) == [bits(a_decision(1)), bits(a_decision(3))]
     assert recording.events == (an_event(5), an_event(6))
-    assert list(recording.frames()) == list(recording.frames()) == frames
-    assert (recording.num_frames, recording.seconds, recording.movements) == (2, 3.0, 3)
+    # Each with the events that were told before it.
+    told = [[], [], [event_frame(one, head.began_ns) for one in (an_event(5), an_event(6))]]
+    expected = [frame | {"events": events} for frame, events in zip(frames, told, strict=True)]
+    assert list(recording.frames()) == list(recording.frames()) == expected
+    assert (recording.num_frames, recording.seconds, recording.movements) == (3, 7.0, 3)
     assert (recording.state, recording.reason) == (ChaseState.SAMPLING, "movement 1")
     assert (recording.is_cut, recording.lost_frames, recording.lost_entries) == (False, 0, 0)
 

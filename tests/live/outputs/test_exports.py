@@ -15,6 +15,7 @@ from PIL import Image
 
 from live.outputs.shown_chase import ORIGIN, Shown
 from swarmchase.cli import main
+from swarmchase.live.log.file import FRAMES_A_SCENE
 from swarmchase.live.log.mcap_messages import messages
 from swarmchase.live.log.scene import FRAME_ID, SCENE_SCHEMA, SceneEntity
 
@@ -179,8 +180,7 @@ def test_the_report_is_one_page_that_needs_nothing_else(
 
 def test_the_scene_draws_what_the_frame_says(shown: Shown) -> None:
     scenes = [json.loads(one.data) for one in messages(shown.log.path) if one.topic == "/chase/scene"]
-    assert len(scenes) == len(shown.frames)
-    for scene, frame in zip(scenes, shown.frames, strict=True):
+    for scene, frame in zip(scenes, shown.frames[::FRAMES_A_SCENE], strict=True):
         assert scene["deletions"] == []
         entities: dict[str, SceneEntity] = {one["id"]: one for one in scene["entities"]}
         assert {(one["frame_id"], one["lifetime"]["sec"]) for one in entities.values()} == {(FRAME_ID, 2)}

@@ -342,7 +342,7 @@ def test_a_full_disk_leaves_whole_lines(shown: Shown, tmp_path: Path) -> None:
             "cot:127.0.0.1:1",
             "output 'cot:127.0.0.1:1' is refused: allowed is one of cot-udp:HOST:PORT, cot-tcp:HOST:PORT",
         ),
-        ("cot-udp:somewhere", "'somewhere' is refused: allowed is HOST:PORT"),
+        ("cot-udp:somewhere", "output cot-udp 'somewhere' is refused: allowed is HOST:PORT"),
         ("cot-udp:127.0.0.1:1", "output cot-udp is refused: it shows places on the earth; give --global-origin LATI"),
         ("cot-tcp:127.0.0.1:1", "output cot-tcp is refused: it shows places on the earth; give --global-origin LATI"),
         ("jsonl:there", "cannot write the output there: it exists already"),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from page_contrast import LEAST_CONTRAST, SCHEMES, contrasts
 from page_frames import (
     RecordedChase,
     misheard_chase,
@@ -23,11 +24,10 @@ from page_frames import (
 )
 from page_publisher import LiveChase
 from page_serving import port_of, served, until
-from swarmchase.live.link.messages import Notice
 from swarmchase.live.link.messages import Severity as LinkSeverity
 from swarmchase.live.page.feed import Feed
 from swarmchase.live.page.server import PageServer
-from swarmchase.live.service.chase_state import PreflightCheck, Snapshot
+from swarmchase.live.service.chase_state import PreflightCheck, Snapshot, TrackerLine
 
 CHROMIUM = shutil.which("chromium")
 QUIET = [
@@ -43,8 +43,6 @@ QUIET = [
     "--enable-unsafe-swiftshader",
 ]
 PHONE, SMALL, LARGE = (390, 844), (1280, 800), (1920, 1080)
-SCHEMES = ("dark", "light")
-LEAST_CONTRAST = 4.5
 LASTING_MS = 500
 REPAINTED_MS = 300
 PATIENCE_MS = 60_000
@@ -56,45 +54,6 @@ const before = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
   return kind.startsWith("webgl") ? null : before.call(this, kind, ...rest);
 };
-"""
-CONTRASTS = """
-() => {
-  // sRGB by the canvas, so that every way to write a colour is understood.
-  const context = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
-  const rgba = (text) => {
-    context.clearRect(0, 0, 1, 1);
-    context.fillStyle = text;
-    context.fillRect(0, 0, 1, 1);
-    const [r, g, b, a] = context.getImageData(0, 0, 1, 1).data;
-    return [r, g, b, a / 255];
-  };
-  const over = ([r, g, b, a], [R, G, B]) => [r * a + R * (1 - a), g * a + G * (1 - a), b * a + B * (1 - a), 1];
-  const ground = (element) => {
-    const own = rgba(getComputedStyle(element).backgroundColor);
-    if (own[3] === 1) return own;
-    return over(own, element.parentElement ? ground(element.parentElement) : [255, 255, 255, 1]);
-  };
-  const luminance = ([r, g, b]) => [r, g, b]
-    .map((one) => one / 255)
-    .map((one) => (one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4))
-    .reduce((sum, one, index) => sum + one * [0.2126, 0.7152, 0.0722][index], 0);
-  const contrast = (one, other) => {
-    const [low, high] = [luminance(one), luminance(other)].sort((a, b) => a - b);
-    return (high + 0.05) / (low + 0.05);
-  };
-  const found = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const element = walker.currentNode.parentElement;
-    const text = walker.currentNode.textContent.trim();
-    if (!text || !element.checkVisibility() || element.closest(".unseen, option")) continue;
-    const grounds = [ground(element)];
-    const fill = element.closest(".bar, #abort")?.querySelector(".fill, .lasting");
-    if (fill) grounds.push(rgba(getComputedStyle(fill).backgroundColor));
-    for (const one of grounds) found.push([contrast(over(rgba(getComputedStyle(element).color), one), one), text]);
-  }
-  return found;
-}
 """
 HEARING = """
 document.addEventListener("DOMContentLoaded", () => {
@@ -386,7 +345,7 @@ def test_every_text_has_a_contrast_of_four_and_a_half(chromium: Any) -> None:
     def least(window: Window) -> None:
         for scheme in SCHEMES:
             window.page.emulate_media(color_scheme=scheme)
-            found = window.page.evaluate(CONTRASTS)
+            found = contrasts(window.page)
             assert len(found) > 100
             assert [one for one in found if one[0] < LEAST_CONTRAST] == []
 
@@ -420,7 +379,7 @@ def with_every_word(snapshot: Snapshot) -> Snapshot:
     one = dataclasses.replace(
         one,
         left_out="12 m from its place",
-        notices=(Notice(0, 1, LinkSeverity.WARNING, "EKF variance"),),
+        notices=(TrackerLine(1, LinkSeverity.WARNING, "EKF variance"),),
         dropped={"no signal": 7},
     )
     checks = (

@@ -16,6 +16,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from page_contrast import (
+    LEAST_CONTRAST,
+    LEAST_CONTRAST_OF_LINES,
+    PAINTED,
+    SCHEMES,
+    contrasts,
+    contrasts_of_colors,
+    places_painted,
+)
 from page_frames import FLIGHT, RecordedChase, ShownChase, flown_chase
 from page_serving import served, until
 from swarmchase.commands.replay import ReplayCommand
@@ -35,6 +44,21 @@ PATIENCE_MS = 60_000
 SECOND_NS = 10**9
 SETTLED_MS = 800
 """Views have come to rest."""
+MAP_COLORS = ["belief", "target", "orange", "bright", "faint", *(f"tracker-{number}" for number in range(6))]
+SEEN = [
+    r"map: \d+ m",
+    r"map: N",
+    r"map: [0-5]",
+    r"map: \d+ s",
+    r"belief-chart: .+",
+    r"traces: .+",
+    r"predicted intercept",
+    r"followed within 10 m",
+    r"100 % of \d+ s",
+    r"tracker 2 is silent",
+    r"Target reached",
+]
+"""Of the texts of a flight, one of each kind."""
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +84,7 @@ def page(flight: RecordedChase) -> Iterator[Any]:
         page.set_default_timeout(PATIENCE_MS)
         page.on("console", lambda one: errors.append(one.text) if one.type == "error" else None)
         page.on("pageerror", lambda error: errors.append(str(error)))
+        page.add_init_script(PAINTED)
         page.goto(server.url)
         page.locator("#play").click()
         yield page
@@ -195,6 +220,26 @@ def test_nothing_is_cut_or_covered(page: Any, size: tuple[int, int]) -> None:
     chart = page.locator("#belief-chart").bounding_box()
     assert chart["height"] > 50
     assert chart["y"] + chart["height"] <= boxes[-1]["y"] + boxes[-1]["height"]
+
+
+def test_every_text_and_line_of_a_flight_stands_out(page: Any, flight: RecordedChase) -> None:
+    """Also what is painted: on the map, beside the vehicles in space, and along the charts."""
+    seen = set()
+    for state in ("pursuing", "following", "reached"):
+        # With every alarm of the flight: a receiver is silent.
+        go_to(page, 2.5 if state == "pursuing" else half_way_s(flight, state))
+        for scheme in reversed(SCHEMES):
+            page.evaluate("window.painted = {}")
+            page.emulate_media(color_scheme=scheme)
+            until(lambda: places_painted(page) >= {"map", "traces", "belief-chart"})
+            found = contrasts(page)
+            assert [one for one in found if one[0] < LEAST_CONTRAST] == [], (state, scheme)
+            assert len(found) > 100
+            seen |= {text for _, text in found}
+            lines = contrasts_of_colors(page, MAP_COLORS, "horizon")
+            assert [one for one in lines.items() if one[1] < LEAST_CONTRAST_OF_LINES] == [], scheme
+    missed = [words for words in SEEN if not any(re.fullmatch(words, text) for text in seen)]
+    assert missed == []
 
 
 def test_the_map_has_the_target_where_it_is_believed_to_be(page: Any, flight: RecordedChase) -> None:

@@ -446,9 +446,9 @@ def test_lines_for_people_are_cut_repeated_and_bounded() -> None:
     ]
     situation.go_on(3)
     said = [message for message in situation.link.sent if isinstance(message, Notice)]
-    assert [(one.number, one.severity, one.text) for one in said] == 3 * [
-        (1, Severity.CRITICAL, "PreArm: Compass not calibrated ? and the battery"),
-        (2, Severity.CRITICAL, "is at 21.6 V already"),
+    assert [(one.number, one.piece, one.severity, one.text) for one in said] == 3 * [
+        (1, 0, Severity.CRITICAL, "PreArm: Compass not calibrated ? and the battery i"),
+        (1, 1, Severity.CRITICAL, "s at 21.6 V already"),
     ]
     situation.link.sent.clear()
     situation.fake.lines = [(Severity.INFO, f"line {number}") for number in range(1000)]

@@ -116,7 +116,8 @@ def to_mavlink(message: Message) -> Any:
         case Heartbeat():
             return _heartbeat_to_mavlink(message)
         case Notice():
-            return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("ascii"), message.number)
+            text = message.text.encode("ascii")
+            return mavlink.MAVLink_statustext_message(message.severity, text, message.number, message.piece)
         case Health():
             return _health_to_mavlink(message)
         case SetPoint():
@@ -234,13 +235,11 @@ def _heartbeat_to_mavlink(heartbeat: Heartbeat) -> Any:
 
 
 def _notice_from_mavlink(tracker: int, fields: Any) -> Notice:
-    if fields.chunk_seq != 0:
-        raise RejectedError(Reason.WRONG_LAYOUT)
     try:
         severity = Severity(fields.severity)
     except ValueError as error:
         raise RejectedError(Reason.REFUSED_VALUE) from error
-    return Notice(tracker, fields.id, severity, fields.text)
+    return Notice(tracker, fields.id, severity, fields.text, fields.chunk_seq)
 
 
 def _rssi_to_mavlink(window: RssiWindow) -> Any:

@@ -183,6 +183,12 @@ class ControllerMavlinkLink(_UdpEnd, ControllerLink):
         if message.tracker in self._addresses:
             self._send(message, self._keys[message.tracker], self._addresses[message.tracker])
 
+    def forget_waiting(self) -> None:
+        """What has come before anybody listened is old: it is dropped unseen, and is no flood."""
+        with contextlib.suppress(OSError):
+            for _ in range(MOST_DATAGRAMS):
+                self._socket.recvfrom(LONGEST_PACKET_BYTES)
+
     def receive(self) -> Sequence[Message]:
         """What trackers have said since the last call."""
         received = self._receive()

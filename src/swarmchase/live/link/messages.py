@@ -21,8 +21,10 @@ LONGEST_FEED_FORWARD_S = 2.0
 HARDEST_MPS2 = 100.0
 SPAN_MS = 2**32
 """Milliseconds of 32 bits start anew after so many, 49.7 days."""
-LONGEST_NOTICE = 49
-"""Characters: MAVLink has room for 50, and with one to spare a reader knows that nothing follows."""
+PIECE_CHARACTERS = 50
+"""MAVLink has room for so many. A shorter piece of a text is its last."""
+MOST_PIECES = 8
+"""Of a text."""
 MOST_NOTICES = 65_535
 SLOWEST_SAMPLING_HZ, FASTEST_SAMPLING_HZ = 0.1, 10_000.0
 
@@ -135,25 +137,34 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """A line that a tracker's autopilot, receiver or agent has for people. It is repeated, since lines get lost.
+    """A line, or a piece of one, that a tracker's autopilot, receiver or agent has for people. It is repeated, since
+    lines get lost.
 
     Raises:
-        InputError: a tracker, number or text that cannot be.
+        InputError: a tracker, number, text or piece that cannot be.
     """
 
     tracker: int
     number: int
-    """Of the notice, counted by the tracker from 1 and after the greatest again: by it repetitions are known."""
+    """Of the line, counted by the tracker from 1 and after the greatest again: by it repetitions are known."""
     severity: Severity
     text: str
     """Printable ASCII."""
+    piece: int = 0
+    """Which of the line's this is."""
 
     def __post_init__(self) -> None:
         _require_tracker(self.tracker)
         if not 1 <= self.number <= MOST_NOTICES:
             raise InputError(f"number = {self.number} is refused: allowed is 1 to {MOST_NOTICES}")
-        if not (1 <= len(self.text) <= LONGEST_NOTICE and self.text.isascii() and self.text.isprintable()):
-            raise InputError(f"a notice is refused: allowed are 1 to {LONGEST_NOTICE} printable ASCII characters")
+        if not 0 <= self.piece < MOST_PIECES:
+            raise InputError(f"piece = {self.piece} is refused: allowed is 0 to {MOST_PIECES - 1}")
+        # After pieces that are full an empty one says that the text has ended.
+        fewest = 0 if self.piece else 1
+        if not (fewest <= len(self.text) <= PIECE_CHARACTERS and self.text.isascii() and self.text.isprintable()):
+            raise InputError(
+                f"a notice is refused: allowed are {fewest} to {PIECE_CHARACTERS} printable ASCII characters"
+            )
 
 
 @dataclass(frozen=True)

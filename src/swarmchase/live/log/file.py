@@ -27,6 +27,9 @@ from .json_forms import schema_of
 from .mcap_library import MessageEncoding, SchemaEncoding, Writer
 from .scene import SCENE_SCHEMA, scene_of
 
+FRAMES_A_SCENE = 2
+"""What is drawn in space is drawn every other time: five times a second moves smoothly, and is half as long."""
+
 
 class LogFile:
     """Writes a log, its head first. What has been written reaches the operating system with ``flush``.
@@ -37,7 +40,7 @@ class LogFile:
 
     def __init__(self, file: IO[bytes], head: LogHead) -> None:
         self._file, self._head = file, head
-        self._last_ns, self._messages = head.began_ns, 0
+        self._last_ns, self._messages, self._frames = head.began_ns, 0, 0
         self._writer = Writer(file, enable_data_crcs=True)
         self._writer.start(library=f"swarmchase {head.version}")
         self._channel = {topic: self._new_channel(topic, form) for topic, form in FORMS.items()}
@@ -54,7 +57,7 @@ class LogFile:
         return self._writer.register_channel(topic, MessageEncoding.JSON, schema)
 
     def write(self, item: Transition | Decision | Event | Frame) -> None:
-        """One message; a frame is drawn as well, in one of its own.
+        """One message; every ``FRAMES_A_SCENE``th frame is drawn as well, in one of its own.
 
         Raises:
             ValueError: a frame that is no JSON.
@@ -67,8 +70,11 @@ class LogFile:
             self._add(EVENT_TOPIC, item.time_ns, to_json(event_form(item)))
         else:
             time_ns = self._head.began_ns + round(item["time_s"] * 1e9)
-            self._add(FRAME_TOPIC, time_ns, to_json(item))
-            self._add(SCENE_TOPIC, time_ns, to_json(scene_of(item, self._head.wall_ns(time_ns))))
+            # Events are messages of their own: a hundred of them ten times a second made a tenth of the log.
+            self._add(FRAME_TOPIC, time_ns, to_json(item | {"events": []}))
+            if self._frames % FRAMES_A_SCENE == 0:
+                self._add(SCENE_TOPIC, time_ns, to_json(scene_of(item, self._head.wall_ns(time_ns))))
+            self._frames += 1
 
     def write_loss(self, frames: int, entries: int) -> None:
         """So much is missing until now."""

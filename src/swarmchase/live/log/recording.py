@@ -1,12 +1,14 @@
 """A log, read back: whole, or as far as it is whole."""
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
-from ..events import Event
-from ..frame import Frame
+from ..alarms import Severity
+from ..events import MOST_SHOWN, Event
+from ..frame import EventFrame, Frame, event_frame
 from ..service.chase_state import ChaseState, Decision, Transition
 from .entries import (
     DECISION_TOPIC,
@@ -76,16 +78,23 @@ class Recording:
         return max((decision.movement for decision in self.decisions), default=0)
 
     def frames(self) -> Iterator[Frame]:
-        """All of them, read one by one.
+        """All of them, read one by one, with the events that each was shown with.
 
         Raises:
             InputError: the file cannot be read any more, or a frame has another form.
         """
-        renew = renewal(self.layout)
+        renew, began_ns = renewal(self.layout), self.head.began_ns
+        newest: deque[EventFrame] = deque(maxlen=MOST_SHOWN)
         try:
             for message in messages(self.path):
                 if message.topic == FRAME_TOPIC:
-                    yield from_json(message.data, Frame, renew)
+                    frame = from_json(message.data, Frame, renew)
+                    frame["events"] = frame["events"] or list(newest)
+                    yield frame
+                elif message.topic == EVENT_TOPIC:
+                    event = event_of(from_json(message.data, EventForm))
+                    if event.severity is not Severity.ROUTINE:
+                        newest.append(event_frame(event, began_ns))
         except CutError:
             return
 

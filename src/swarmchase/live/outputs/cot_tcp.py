@@ -20,7 +20,7 @@ class CotTcpOutput:
     """
 
     def __init__(self, place: str, details: OutputDetails) -> None:
-        self._address = host_and_port(place)
+        self._address = host_and_port(place, "output cot-tcp")
         details.require_origin("output cot-tcp")
         self._details = details
         self._socket: socket.socket | None = None

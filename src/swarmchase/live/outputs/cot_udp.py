@@ -21,7 +21,7 @@ class CotUdpOutput:
     """
 
     def __init__(self, place: str, details: OutputDetails) -> None:
-        self._host, self._port = host_and_port(place)
+        self._host, self._port = host_and_port(place, "output cot-udp")
         details.require_origin("output cot-udp")
         self._details = details
         self._socket: socket.socket | None = None

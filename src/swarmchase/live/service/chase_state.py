@@ -6,7 +6,7 @@ from enum import Enum
 
 from ...controllers.condition import Condition
 from ...controllers.explanation import Explanation
-from ..link.messages import Health, Metres, Notice, TrackerMode, VehicleState
+from ..link.messages import Health, Metres, Severity, TrackerMode, VehicleState
 from .sample_window import Levels, Points
 
 
@@ -80,6 +80,16 @@ class Decision:
 
 
 @dataclass(frozen=True)
+class TrackerLine:
+    """What a tracker's autopilot, receiver or agent has said to people."""
+
+    number: int
+    """As the tracker counts them."""
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True)
 class TrackerSnapshot:
     """One tracker at one moment. Metres are of the shared frame; what is not known is None."""
 
@@ -102,8 +112,8 @@ class TrackerSnapshot:
     vehicle: VehicleState | None = None
     position_hz: float | None = None
     """How often it said where it was, of late; None where that is not known."""
-    notices: tuple[Notice, ...] = ()
-    """The newest lines for people of its autopilot, its receiver and its agent, oldest first."""
+    notices: tuple[TrackerLine, ...] = ()
+    """The newest, oldest first."""
     dropped: Mapping[str, int] = field(default_factory=dict)
     """Samples that it reported and that are no levels, by reason."""
     health: Health | None = None
@@ -172,3 +182,6 @@ class Snapshot:
     """How far the formation's cross has turned."""
     following: FollowedShare | None = None
     """Since a target that is followed was first reached; None before."""
+    asked_m: Metres = (0.0, 0.0, 0.0)
+    """By the last decision, the way of the centre until the next one, before limits change it: the controller's, or the
+    course's in flight."""

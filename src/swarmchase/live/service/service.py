@@ -101,6 +101,7 @@ class ControllerService:
         self._to_explain: Observation | None = None
         self._explanation: Explanation | None = None
         self._condition = Condition.TRACKING
+        self._asked_m = np.zeros(3)
 
     # What the operator says
 
@@ -259,9 +260,10 @@ class ControllerService:
     def _set_out(self, window: Window, displacement_m: Point, spacing_m: float, turn_rad: float) -> str:
         """Carry out an action; returns in which way limits change it, else nothing."""
         if isinstance(self._pace, ListenInFlight) and isinstance(self._judge, FlightCourse):
-            flown = self._flown(self._pace, self._judge, window, displacement_m, spacing_m)
-            return self._pace.pursue(*flown, turn_rad)
+            self._asked_m, flown_m = self._flown(self._pace, self._judge, window, displacement_m, spacing_m)
+            return self._pace.pursue(self._asked_m, flown_m, turn_rad)
         assert isinstance(self._pace, StopAndListen)
+        self._asked_m = displacement_m
         return self._fly(self._pace, window.center_m + displacement_m, spacing_m, f"movement {self._movements}")
 
     def _flown(
@@ -383,6 +385,7 @@ class ControllerService:
             share_within=self._judge.newest_share if isinstance(self._judge, FlightCourse) else None,
             turned_rad=self._pace.turned_rad if isinstance(self._pace, ListenInFlight) else 0.0,
             following=self._judge.following.told if isinstance(self._judge, FlightCourse) else None,
+            asked_m=metres(self._asked_m),
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:

@@ -314,7 +314,7 @@ class Swarm:
             left_out=self._reliability.reasons[tracker],
             vehicle=record.vehicle,
             position_hz=record.position_hz,
-            notices=tuple(record.notices),
+            notices=record.notices.lines(self.now_ns),
             dropped=record.dropped,
             health=record.health(self._now_ns),
         )

@@ -2,7 +2,6 @@
 
 import bisect
 import math
-from collections import deque
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..link.messages import (
     TrackerMode,
     VehicleState,
 )
+from .notices_heard import NoticesHeard
 from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow, Times
 
 SILENT_S = 1.0
@@ -34,7 +34,6 @@ RATE_OVER_S = 2.0
 """The rate of its positions is that of so long."""
 HEALTH_S = 10.0
 """What was said of a vehicle's health longer ago is not known any more."""
-KEPT_NOTICES = 8
 MOST_POSITIONS = 1000
 """No more than the newest of this many are kept, whatever a tracker sends."""
 
@@ -49,8 +48,7 @@ class TrackerRecord:
         self._samples = SampleWindow(scenario)
         self.position_m: Point | None = None
         """Where it was last seen, in metres of the shared frame; a restart does not move it."""
-        self.notices: deque[Notice] = deque(maxlen=KEPT_NOTICES)
-        """The newest lines for people, oldest first."""
+        self.notices = NoticesHeard()
         self._health: Health | None = None
         self._health_ns = 0
         """When that came."""
@@ -81,8 +79,7 @@ class TrackerRecord:
     def hear(self, message: Report, now_ns: int) -> None:
         """Take in what has just arrived. A heartbeat that tells of a restart empties everything first."""
         if isinstance(message, Notice):
-            if message not in self.notices:
-                self.notices.append(message)
+            self.notices.hear(message, now_ns)
             return
         if isinstance(message, Health):
             self._health, self._health_ns = message, now_ns

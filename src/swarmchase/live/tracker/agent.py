@@ -124,6 +124,8 @@ class TrackerAgent:
     ) -> None:
         SetPoint(tracker, 0, 0, (0.0, 0.0, 0.0))  # refuses what is no tracker
         self.ignored: Counter[str] = Counter()
+        self.levels = 0
+        """So many it has taken up."""
         self.source_failure: str | None = None
         """Why the receiver is not asked any more."""
         self._tracker = tracker
@@ -158,6 +160,7 @@ class TrackerAgent:
         """Do what is due now; never blocks. To be called ten times a second or more often."""
         now_ns = self._clock.now_ns()
         heard = [self._samples.add(sample, now_ns) for sample in self._sampled(now_ns)]
+        self.levels += sum(heard)
         self._complaint.listened(any(heard), self.dropped, now_ns)
         for message in self._link.receive():
             self._hear(message, now_ns)

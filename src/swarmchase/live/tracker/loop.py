@@ -33,6 +33,8 @@ class TrackerSummary:
     position_m: Metres | None
     """Where it was at the end."""
     seconds: float
+    levels: int
+    """That it has taken up from its receiver."""
     ignored: dict[str, int]
     """What the agent heard and did not obey, by reason."""
     rejected: dict[str, int]
@@ -81,6 +83,7 @@ def run_tracker(
         mode=vehicle.mode.name.lower(),
         position_m=vehicle.position_m,
         seconds=round(time.monotonic() - began_s, 3),
+        levels=agent.levels,
         ignored=_counts(agent.ignored),
         rejected=_counts(link.rejected),
         rejected_skew_s=link.rejections.skew_s(),

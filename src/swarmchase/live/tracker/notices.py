@@ -1,17 +1,20 @@
-"""Lines for people on their way to the controller: cut to MAVLink's length, bounded in number and rate, repeated."""
+"""Lines for people on their way to the controller: cut to pieces of MAVLink's length, bounded in number and rate,
+repeated.
+"""
 
-import textwrap
 from collections import deque
 from dataclasses import dataclass
 
-from ..link.messages import LONGEST_NOTICE, MOST_NOTICES, Notice, Severity, printable
+from ..link.messages import MOST_NOTICES, MOST_PIECES, PIECE_CHARACTERS, Notice, Severity, printable
 
 TIMES = 3
-"""Each line is sent so often: datagrams get lost."""
+"""Each piece is sent so often: datagrams get lost."""
 PERIOD_S = 0.25
-"""From one line to the next, and between the repetitions of all."""
+"""From one piece to the next, and between the repetitions of all."""
 MOST_WAITING = 20
-"""What comes on top of so many lines is dropped: an autopilot that does not stop talking must not fill the link."""
+"""Pieces: a line that comes on top of so many is dropped. An autopilot that does not stop talking must not fill the
+link.
+"""
 
 
 @dataclass
@@ -32,16 +35,17 @@ class Notices:
         self._due_ns = 0
 
     def put(self, severity: Severity, text: str) -> None:
-        """Have a text sent, in as many lines as it needs."""
-        for line in textwrap.wrap(printable(text), LONGEST_NOTICE):
-            if len(self._waiting) >= MOST_WAITING:
-                self.dropped += 1
-                continue
-            self._number = self._number % MOST_NOTICES + 1
-            self._waiting.append(_Waiting(Notice(self._tracker, self._number, severity, line), TIMES))
+        """Have a text sent, in as many pieces as it needs; what is longer than they may be is cut."""
+        pieces = _pieces(printable(text))
+        if len(self._waiting) + len(pieces) > MOST_WAITING:
+            self.dropped += 1
+            return
+        self._number = self._number % MOST_NOTICES + 1
+        for place, piece in enumerate(pieces):
+            self._waiting.append(_Waiting(Notice(self._tracker, self._number, severity, piece, place), TIMES))
 
     def due(self, now_ns: int) -> Notice | None:
-        """The line to be sent now; None where there is none, or one was sent a moment ago."""
+        """The piece to be sent now; None where there is none, or one was sent a moment ago."""
         if not self._waiting or now_ns < self._due_ns:
             return None
         self._due_ns = now_ns + round(PERIOD_S * 1e9)
@@ -50,3 +54,11 @@ class Notices:
         if one.left:
             self._waiting.append(one)
         return one.notice
+
+
+def _pieces(text: str) -> list[str]:
+    """The last is shorter than the others: after full ones an empty one says that nothing follows."""
+    pieces = [text[start : start + PIECE_CHARACTERS] for start in range(0, len(text), PIECE_CHARACTERS)]
+    if pieces and len(pieces[-1]) == PIECE_CHARACTERS:
+        pieces.append("")
+    return pieces[:MOST_PIECES]

@@ -67,7 +67,7 @@ class JsonDatagramSource:
 
 
 def _open(place: str, details: SourceDetails) -> JsonDatagramSource:
-    host, port = host_and_port(place, LOOPBACK)
+    host, port = host_and_port(place, "source udp", LOOPBACK)
     return JsonDatagramSource(port, host, details)
 
 

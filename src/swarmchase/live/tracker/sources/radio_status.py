@@ -62,7 +62,7 @@ def _open(place: str, details: SourceDetails) -> RadioStatusSource:
     if "/" in place:
         return RadioStatusSource(SerialTransport(Path(place), details.serial_baud), place)
     try:
-        host, port = host_and_port(place, LOOPBACK)
+        host, port = host_and_port(place, "source radio_status", LOOPBACK)
     except InputError as error:
         raise InputError(f"{error}; or the PATH of a serial port") from None
     return RadioStatusSource(UdpTransport(port, host), f"port {port}")

@@ -13,7 +13,7 @@ from .transports import SerialTransport, UdpTransport
 
 def _open_udp(place: str, details: VehicleDetails) -> AutopilotVehicle:
     frame, system = _frame(details), _system(details)
-    host, port = host_and_port(place, LOOPBACK)
+    host, port = host_and_port(place, "vehicle mavlink", LOOPBACK)
     return AutopilotVehicle(UdpTransport(port, host), frame, system)
 
 
