@@ -14,7 +14,6 @@ from swarmchase.controllers.condition import Condition
 from swarmchase.controllers.pursuit import PursuitController
 from swarmchase.errors import InputError
 from swarmchase.evaluation.chases import run_chases
-from swarmchase.flight import direction
 from swarmchase.networks.pursuit import PursuitReading
 from swarmchase.observation import Observation
 from swarmchase.scenario import Scenario, load_scenario, paper_scenario
@@ -97,17 +96,7 @@ def test_gaps_leave_it_finite(gap: str) -> None:
     assert memory.condition.tolist() == [expected, Condition.TRACKING]
 
 
-def test_it_catches_a_target_that_flees_nearly_as_fast_as_the_swarm_flies_and_comes_from_above() -> None:
+def test_it_catches_targets_that_flee_nearly_as_fast_as_the_swarm_flies() -> None:
     """16 flights at F = 100 Hz; docs/results.md has 300."""
     rows = list(run_chases(FLEEING, pursuit(), 1, range(16)))
     assert sum(row.reached for row in rows) >= 15
-    environment, controller = Environment(FLEEING), pursuit()
-    state, memory = environment.reset(chase_keys(1, 16)), controller.begin(16, seed=1)
-    last_way_m = torch.zeros(16, 3, dtype=torch.float64)
-    while state.reached_s.isinf().any() and int(state.movements[0]) < FLEEING.max_movements:
-        way_m = state.target.position_m - state.center_m
-        is_near = state.reached_s.isinf() & (way_m.norm(dim=1) < 30)
-        last_way_m = torch.where(is_near[:, None], way_m, last_way_m)
-        action, memory = controller.decide(state.observation(), memory)
-        state, _ = environment.step(state, action)
-    assert direction(last_way_m)[:, 2].mean() < -0.5  # 30 degrees and more below the swarm
