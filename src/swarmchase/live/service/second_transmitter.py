@@ -1,0 +1,142 @@
+"""Whether what is heard in flight is of one transmitter alone, or of two whose powers add up in each receiver.
+
+Where the levels come from does not tell: one transmitter that moves explains those of two nearly as well. How they fade
+does. The weaker of two fills the deep fades of the stronger, all the more the more alike they are; and beside one of
+them that one alone is heard. So levels that fade less the weaker they are, as if a constant lay under them, are of two.
+That constant is what the other transmitter is while the swarm comes nearer to the one it chases: it is taken to be the
+same all the way, and is unknown.
+
+The samples of each interval are weighed, tracker by tracker, under one transmitter and under two (``summed_fading``),
+for levels ``OTHER_DBM`` of the other one and K-factors ``RICIAN_K``, of which nothing is told: levels that fade little
+near and far are of one. What they say adds up from interval to interval, and nothing else is remembered. The evidence
+is the logarithm of how much better two explain them than one, on average over levels and factors (a Bayes factor).
+No single tracker decides: without any of them two must explain them better, too.
+
+Samples count where they fade independently, that is while swarm and target fly against each other; not beside the
+target, where the way alone changes the level within an interval; and not near a receiver's floor, below which fades are
+missing.
+"""
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ...channel.summed_fading import LEAST_NP, STEP_NP, log_density
+from ...controllers.belief import Belief
+from ...observation import NEPERS_PER_DB
+from ...scenario import NUM_TRACKERS, SPEED_OF_LIGHT_MPS, Scenario
+from .pace import Window
+from .sample_window import Levels, Point
+
+RICIAN_K = (1.0, 2.0, 3.0, 5.0, 9.0, 25.0)
+"""Of the fading: from hardly any line of sight to hardly any fading."""
+WEAKER = (0.0, 0.005, 0.015, 0.04, 0.1, 0.25, 1.0)
+"""For these powers of the weaker transmitter, in that of the stronger, the law is tabulated."""
+OTHER_DBM = np.arange(-100.0, -30.0, 4.0)
+SCALE_NP = np.linspace(-1.25, 1.25, 11)
+"""By what the mean of an interval's samples may be off."""
+REMEMBERED = 400
+"""Intervals that count: older ones fade away, since the world changes."""
+LEAST_SAMPLES, MOST_SAMPLES = 3, 10
+"""Of one tracker in an interval; with more they are not independent."""
+LEAST_WAVELENGTHS = 15.0
+"""That swarm and target fly against each other in an interval of ``decision_s``."""
+BESIDE_M = 15.0
+ABOVE_FLOOR_DB = 15.0
+"""One fade in 100 is deeper where the line of sight is three times as strong as the rest."""
+CERTAIN, ENOUGH = 5.0, 1.0
+"""Evidence by which two are told of on the way, and beside a transmitter, where it is known how one alone fades. Once
+they are told of, it is for as long as there is ``ENOUGH``."""
+
+_COUNTED_NP = np.log([WEAKER[1] / 4, *WEAKER[1:]])
+"""Where a weaker power stands in the table; less than the first is none."""
+
+
+class SecondTransmitter:
+    """Remembers what the intervals of one chase say."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._floor_dbm = -math.inf if scenario.receiver_floor_dbm is None else scenario.receiver_floor_dbm
+        self._least_mps = LEAST_WAVELENGTHS * SPEED_OF_LIGHT_MPS / scenario.carrier_hz / scenario.decision_s
+        self._log_likelihood = np.zeros((NUM_TRACKERS, 1 + len(OTHER_DBM), len(RICIAN_K)))
+        self.evidence = 0.0
+        """For two."""
+        self.is_heard = False
+        """Whether what is heard does not fit one transmitter."""
+
+    def take(self, window: Window, origin_m: Point, belief: Belief | None, is_beside: bool) -> None:
+        """Take in a window, and what is believed after it.
+
+        Args:
+            origin_m: Of the belief's frame.
+            is_beside: The swarm has come to a transmitter.
+        """
+        if belief is not None and self._fades(window, origin_m, belief):
+            every = max(1, len(window.rssi_dbm) // MOST_SAMPLES)
+            self._log_likelihood *= 1 - 1 / REMEMBERED
+            self._log_likelihood += _log_likelihood(window.rssi_dbm[::every], self._floor_dbm + ABOVE_FLOOR_DB)
+            self.evidence = _evidence(self._log_likelihood)
+        self.is_heard = self.evidence >= (ENOUGH if is_beside or self.is_heard else CERTAIN)
+
+    def _fades(self, window: Window, origin_m: Point, belief: Belief) -> bool:
+        """Whether this window's samples count."""
+        assert window.time_s is not None
+        lasted_s = float(window.time_s[-1] - window.time_s[0])
+        if lasted_s <= 0:
+            return False
+        swarm_mps = (window.position_m[-1] - window.position_m[0]).mean(axis=0) / lasted_s
+        target_mps = np.zeros(3) if belief.velocity_mps is None else belief.velocity_mps[0].numpy()
+        apart_m = belief.mean_m[0].numpy() + origin_m - window.position_m[-1].mean(axis=0)
+        is_beside = max(float(np.linalg.norm(apart_m)), float(belief.radius_m[0])) < BESIDE_M
+        return not is_beside and float(np.linalg.norm(swarm_mps - target_mps)) >= self._least_mps
+
+
+def _evidence(log_likelihood: NDArray[np.float64]) -> float:
+    """Of what each tracker says of each other level, the first being none, and each K-factor [tracker, other, K]; that
+    of all, or what any five say if that is nothing.
+    """
+    of_all = log_likelihood.sum(axis=0)
+    several = np.concatenate([of_all[None], of_all - log_likelihood])
+    evidence = logsumexp(several[:, 1:], axis=(1, 2)) - logsumexp(several[:, 0], axis=1) - math.log(len(OTHER_DBM))
+    return float(evidence[0] if evidence.min() > 0 else evidence.min())
+
+
+def _log_likelihood(rssi_dbm: Levels, least_dbm: float) -> NDArray[np.float64]:
+    """Of these samples [sample, tracker], up to what is the same for all: [tracker, other, K].
+
+    The mean of an interval is what two add up to, and is not known better than its samples say: all that it may be are
+    weighed alike.
+
+    Args:
+        least_dbm: Who hears less on average counts for nothing. So does a receiver that repeats its level.
+    """
+    level_np, table = rssi_dbm * NEPERS_PER_DB, _table()
+    heard = np.isfinite(level_np)
+    number = np.maximum(heard.sum(axis=0), 1)
+    mean_np = np.log(np.maximum(np.where(heard, np.exp(level_np), 0.0).sum(axis=0) / number, 1e-300))
+    spread = np.where(heard, level_np, -np.inf).max(axis=0) > np.where(heard, level_np, np.inf).min(axis=0)
+    counts = (number >= LEAST_SAMPLES) & spread & (mean_np >= least_dbm * NEPERS_PER_DB)
+    over_np = np.where(heard, level_np - mean_np, 0.0)[..., None] - SCALE_NP
+    level = np.clip(np.rint((over_np - LEAST_NP) / STEP_NP).astype(np.int64), 0, len(table) - 2)
+    level = np.where((heard & counts)[..., None], level, len(table) - 1)
+    by_weaker = logsumexp(table.take(level, axis=0).sum(axis=0), axis=1).reshape(-1, len(WEAKER), len(RICIAN_K))
+    # The other one's share of the mean; where it were more than half of it the other way round.
+    share = np.minimum(np.exp(OTHER_DBM * NEPERS_PER_DB - mean_np[:, None]), 0.5)
+    place = np.interp(np.log(share / (1 - share)), _COUNTED_NP, np.arange(len(WEAKER)))
+    before = np.minimum(place.astype(np.int64), len(WEAKER) - 2)
+    after = (place - before)[..., None]
+    trackers = np.arange(len(before))[:, None]
+    two = by_weaker[trackers, before] * (1 - after) + by_weaker[trackers, before + 1] * after
+    return np.concatenate([by_weaker[:, :1], two], axis=1)
+
+
+@functools.cache
+def _table() -> NDArray[np.float64]:
+    """The logarithm of the density of each level, under each ``WEAKER`` and ``RICIAN_K`` [level, weaker x K]; the last
+    row is of a sample that does not count.
+    """
+    rows = np.array([log_density(rician_k, weaker) for weaker in WEAKER for rician_k in RICIAN_K])
+    return np.concatenate([rows.T, np.zeros((1, len(rows)))])
