@@ -1,4 +1,4 @@
-"""How the power of a sample is spread about its mean where one transmitter is heard, and where the powers of two add up.
+"""How the power of a sample is spread about its mean where one transmitter is heard, and where those of two add up.
 
 Of one it is the square of a Rician amplitude (Eqs. 3-5): once in a while nearly nothing arrives. Of two that fade
 independently that is rare, since the weaker one fills the deep fades of the stronger.
@@ -16,7 +16,7 @@ Powers = NDArray[np.float64]
 LEAST_NP, MOST_NP, STEP_NP = -9.0, 3.0, 0.1
 """Range and resolution, in nepers of power over the mean of the stronger transmitter's."""
 MOST_POWER = 7.0
-"""In its own mean; more is of one in 10,000 samples without line of sight, and of none with one as strong as the rest."""
+"""In its own mean; only without line of sight one sample in 1000 has more."""
 NODES = 80
 """Of the sum over what the weaker one adds (Gauss and Legendre)."""
 LEAST_DENSITY = 1e-30

@@ -46,7 +46,7 @@ class FlightCourse:
 
     @property
     def hears_two(self) -> bool:
-        """Whether what is heard does not fit one transmitter: then none counts as reached but by the operator's word."""
+        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then."""
         return self._second.is_heard
 
     def forget(self) -> None:
