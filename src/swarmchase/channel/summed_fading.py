@@ -17,7 +17,7 @@ LEAST_NP, MOST_NP, STEP_NP = -9.0, 3.0, 0.1
 """Range and resolution, in nepers of power over the mean of the stronger transmitter's."""
 MOST_POWER = 7.0
 """In its own mean; only without line of sight one sample in 1000 has more."""
-NODES = 80
+NODES = 48
 """Of the sum over what the weaker one adds (Gauss and Legendre)."""
 LEAST_DENSITY = 1e-30
 

@@ -33,8 +33,8 @@ from .pace import Window
 from .sample_window import Levels, Point
 
 RICIAN_K = np.geomspace(0.5, 20.0, 16)
-"""Of the fading: from hardly any line of sight to hardly any fading. Between wider steps two of one factor would explain
-one of another better than any here."""
+"""Of the fading, from hardly any line of sight to hardly any fading. With wider steps two of one factor would explain
+better than one what is of one of a factor in between."""
 SHALLOW_K = 10.0
 """What fades less on the whole way is not judged: its fades are as shallow as what else changes levels."""
 WEAKER = (0.0, 0.005, 0.015, 0.04, 0.1, 0.25, 1.0)
