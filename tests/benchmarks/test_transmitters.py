@@ -18,17 +18,16 @@ SCENARIO = dataclasses.replace(load_scenario("flight"), behaviour="hover", start
 
 def test_where_another_place_is_called_reached_that_counts() -> None:
     flight = fly(LiveWork(SCENARIO, "particle", 0, 1), "")
-    assert (flight.chase.state, flight.hears_two) == ("reached", False)
+    assert (flight.chase.state, flight.hears_two, flight.is_refused) == ("reached", False, False)
     elsewhere = dataclasses.replace(flight.chase, said_distance_m=150.0)
-    reason = "239 movements are spent; what is heard does not fit one transmitter"
-    refused = dataclasses.replace(flight.chase, state="lost", reason=reason)
-    lost = dataclasses.replace(flight.chase, state="lost", reason="239 movements are spent")
+    aborted = dataclasses.replace(flight.chase, state="aborted")
+    lost = dataclasses.replace(flight.chase, state="lost")
     results = [
         flight,
-        TransmittersResult(elsewhere, False),
-        TransmittersResult(elsewhere, True),  # told of two too late, or no longer
-        TransmittersResult(refused, True),
-        TransmittersResult(lost, False),
+        TransmittersResult(elsewhere, False, False),
+        TransmittersResult(elsewhere, True, False),  # told of two no longer
+        TransmittersResult(aborted, True, True),
+        TransmittersResult(lost, False, False),
     ]
     told = report(SCENARIO, "particle", 0, {"one transmitter": results})
     assert transmitter_rows(told) == [["hover", "one transmitter", "1", "2 [5%, 85%]", "1", "2 [5%, 85%]"]]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ..controllers import load_controller, require_controller
 from ..errors import InputError
 from ..evaluation.statistics import share_interval
-from ..live.service.chase_state import NOT_ONE_TRANSMITTER, Snapshot
+from ..live.service.capture import LEAST_SHARE
+from ..live.service.chase_state import Snapshot
 from ..scenario import Scenario
 from ..simulation.fault_plan import fault_plan
 from ..simulation.virtual_chase import VirtualChase, VirtualResult
@@ -17,6 +18,9 @@ from .live import Finished, LiveWork, flown, is_reached
 if TYPE_CHECKING:
     from rich.table import Table
 
+REFUSED_S = 10.0
+"""So long a swarm may be where the target could be and the service not say so, because it hears two: then the flight is
+ended."""
 SETTINGS: dict[str, str] = {"one transmitter": "", "another one 150 m away": "second=150"}
 """In the words of ``fault_plan``."""
 
@@ -28,6 +32,8 @@ class TransmittersResult:
     chase: VirtualResult
     hears_two: bool
     """Whether the service has ever said that what is heard does not fit one transmitter."""
+    is_refused: bool
+    """Whether it has said so for ``REFUSED_S`` beside one."""
 
 
 def measure(
@@ -101,15 +107,27 @@ def transmitter_rows(result: dict[str, Any]) -> list[list[str]]:
 
 def fly(work: LiveWork, faults: str) -> TransmittersResult:
     """One flight with these faults."""
-    hears_two = False
+    hears_two, is_refused = False, False
+    beside_since_ns: int | None = None
 
     def watch(snapshot: Snapshot) -> None:
-        nonlocal hears_two
+        nonlocal hears_two, beside_since_ns
         hears_two |= snapshot.hears_two
+        if not snapshot.hears_two:
+            beside_since_ns = None
+        elif beside_since_ns is None and (snapshot.share_within or 0.0) >= LEAST_SHARE:
+            beside_since_ns = snapshot.time_ns
+
+    def end_refused() -> None:
+        nonlocal is_refused
+        if beside_since_ns is not None and chase.clock.now_ns() - beside_since_ns >= REFUSED_S * 1e9:
+            is_refused = True
+            chase.service.abort()
 
     controller = load_controller(work.controller, work.scenario)
     chase = VirtualChase(work.scenario, controller, work.seed, work.chase, fault_plan(faults), watch=watch)
-    return TransmittersResult(chase.run(), hears_two)
+    result = chase.run(end_refused)
+    return TransmittersResult(result, hears_two, is_refused)
 
 
 def _in_both_settings(work: LiveWork) -> dict[str, TransmittersResult]:
@@ -125,7 +143,7 @@ def _summary(scenario: Scenario, results: list[TransmittersResult]) -> dict[str,
         "reached": reached,
         "wrongly_reached": wrongly,
         "wrongly_reached_ci95": share_interval(wrongly, flights),
-        "refused": sum(NOT_ONE_TRANSMITTER in one.chase.reason for one in results),
+        "refused": sum(one.is_refused for one in results),
         "told_of_two": told,
         "told_of_two_ci95": share_interval(told, flights),
     }

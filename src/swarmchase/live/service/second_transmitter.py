@@ -7,10 +7,10 @@ That constant is what the other transmitter is while the swarm comes nearer to t
 same all the way, and is unknown.
 
 The samples of each interval are weighed, tracker by tracker, under one transmitter and under two (``summed_fading``),
-for levels ``OTHER_DBM`` of the other one and K-factors ``RICIAN_K``, of which nothing is told: levels that fade little
-near and far are of one. What they say adds up from interval to interval, and nothing else is remembered. The evidence
-is the logarithm of how much better two explain them than one, on average over levels and factors (a Bayes factor).
-No single tracker decides: without any of them two must explain them better, too.
+for levels ``OTHER_DBM`` of the other one and K-factors ``RICIAN_K``, of which those near the scenario's are likelier:
+levels that fade little near and far are of one. What they say adds up from interval to interval, and nothing else is
+remembered. The evidence is the logarithm of how much better two explain them than one, on average over levels and
+factors (a Bayes factor), whichever single tracker is left out.
 
 Samples count where they fade independently, that is while swarm and target fly against each other; not beside the
 target, where the way alone changes the level within an interval; and not near a receiver's floor, below which fades are
@@ -42,8 +42,8 @@ WEAKER = (0.0, 0.005, 0.015, 0.04, 0.1, 0.25, 1.0)
 OTHER_DBM = np.arange(-100.0, -30.0, 4.0)
 SCALE_NP = np.linspace(-1.25, 1.25, 11)
 """By what the mean of an interval's samples may be off."""
-COUNTS = 2.0
-"""Of this many trackers that fade independently their samples count in full. Set on flights."""
+FACTOR_SPREAD = 1.0
+"""Standard deviation of the K-factor's natural logarithm about the scenario's."""
 LEAST_POWER = 1e-300
 REMEMBERED = 400
 """Intervals that count: older ones fade away, since the world changes."""
@@ -54,9 +54,9 @@ LEAST_WAVELENGTHS = 15.0
 BESIDE_M = 15.0
 ABOVE_FLOOR_DB = 15.0
 """One fade in 100 is deeper where the line of sight is three times as strong as the rest."""
-CERTAIN, ENOUGH = 8.0, 0.7
-"""Evidence by which two are told of on the way, and beside a transmitter, where it is known how one alone fades. Once
-they are told of, it is for as long as there is ``ENOUGH``."""
+CERTAIN = 4.0
+"""Evidence by which two are told of on the way. Beside a transmitter, where it is known how one alone fades, any is
+enough; and once they are told of, it is for as long as there is any."""
 
 _COUNTED_NP = np.log([WEAKER[1] / 4, *WEAKER[1:]])
 """Where a weaker power stands in the table; less than the first is none."""
@@ -68,8 +68,10 @@ class SecondTransmitter:
     def __init__(self, scenario: Scenario) -> None:
         floor_dbm = -math.inf if scenario.receiver_floor_dbm is None else scenario.receiver_floor_dbm
         self._least_dbm, self._exponent = floor_dbm + ABOVE_FLOOR_DB, scenario.path_loss_exponent
-        in_common = correlation_of_powers(scenario) ** 2
-        self._counts = min(1.0, COUNTS / (1 + (NUM_TRACKERS - 1) * in_common))
+        # Of six trackers that fade alike the samples are worth those of so many fewer.
+        self._counts = 1 / (1 + (NUM_TRACKERS - 1) * correlation_of_powers(scenario) ** 2)
+        told = np.log(RICIAN_K / max(scenario.rician_k, RICIAN_K[0])) / FACTOR_SPREAD
+        self._log_prior = -np.square(told) / 2
         self._least_mps = LEAST_WAVELENGTHS * SPEED_OF_LIGHT_MPS / scenario.carrier_hz / scenario.decision_s
         self._log_likelihood = np.zeros((NUM_TRACKERS, 1 + len(OTHER_DBM), len(RICIAN_K)))
         _table()  # not in the first decision: it takes a while
@@ -90,8 +92,8 @@ class SecondTransmitter:
             lost_np = self._lost_np(window, origin_m, belief)[every]
             self._log_likelihood *= 1 - 1 / REMEMBERED
             self._log_likelihood += _log_likelihood(window.rssi_dbm[every], lost_np, self._least_dbm)
-            self.evidence = _evidence(self._counts * self._log_likelihood)
-        self.is_heard = self.evidence >= (ENOUGH if is_beside or self.is_heard else CERTAIN)
+            self.evidence = _evidence(self._counts * self._log_likelihood, self._log_prior)
+        self.is_heard = self.evidence > (0.0 if is_beside or self.is_heard else CERTAIN)
 
     def _lost_np(self, window: Window, origin_m: Point, belief: Belief) -> Levels:
         """The path loss to where the target was, as far as that is known [sample, tracker]: what the way alone makes of
@@ -117,16 +119,20 @@ class SecondTransmitter:
         return not is_beside and float(np.linalg.norm(swarm_mps - target_mps)) >= self._least_mps
 
 
-def _evidence(log_likelihood: NDArray[np.float64]) -> float:
-    """Of what each tracker says of each other level, the first being none, and each K-factor [tracker, other, K]; that
-    of all, or what any five say if that is nothing.
+def _evidence(log_likelihood: NDArray[np.float64], log_prior: Levels) -> float:
+    """For two, without the tracker that speaks most for them.
+
+    Args:
+        log_likelihood: What each tracker says of each other level, the first being none, and each K-factor [tracker,
+            other, K].
+        log_prior: Of each K-factor.
     """
     of_all = log_likelihood.sum(axis=0)
     if RICIAN_K[of_all[0].argmax()] > SHALLOW_K:
         return 0.0
-    several = np.concatenate([of_all[None], of_all - log_likelihood])
+    several = np.concatenate([of_all[None], of_all - log_likelihood]) + log_prior
     evidence = logsumexp(several[:, 1:], axis=(1, 2)) - logsumexp(several[:, 0], axis=1) - math.log(len(OTHER_DBM))
-    return float(evidence[0] if evidence.min() > 0 else evidence.min())
+    return float(evidence.min())
 
 
 def _log_likelihood(rssi_dbm: Levels, lost_np: Levels, least_dbm: float) -> NDArray[np.float64]:
