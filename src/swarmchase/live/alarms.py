@@ -242,8 +242,7 @@ def _of_controller(snapshot: Snapshot) -> Iterator[Alarm]:
 def _of_transmitters(snapshot: Snapshot) -> Iterator[Alarm]:
     if snapshot.hears_two and snapshot.state in UNDER_WAY:
         text = f"{NOT_ONE_TRANSMITTER}: it fades as two do whose powers add up, and the service calls neither reached"
-        over = "what is heard fits one transmitter again"
-        yield Alarm("transmitters", f"{text}; the word reached does", news=text, over=over)
+        yield Alarm("transmitters", f"{text}; the word reached does", news=text)
 
 
 def _of_receivers(snapshot: Snapshot) -> Iterator[Alarm]:
