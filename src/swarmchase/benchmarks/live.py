@@ -212,7 +212,7 @@ def _limit_s(scenario: Scenario) -> float:
     return (scenario.max_movements + 1) * scenario.decision_s
 
 
-def _is_reached(scenario: Scenario, result: VirtualResult) -> bool:
+def is_reached(scenario: Scenario, result: VirtualResult) -> bool:
     """Whether the service says so and is right."""
     if scenario.pace == "stop_and_listen":
         return result.reached
@@ -223,7 +223,7 @@ def _in_flight(scenario: Scenario, results: list[VirtualResult]) -> dict[str, An
     """When targets that fly were first reached, and when the service said so; what was not counts as the limit."""
     limit_s = _limit_s(scenario)
     capture_s = np.array([min(result.capture_s or limit_s, limit_s) for result in results])
-    said_s = [result.flown_s or limit_s if _is_reached(scenario, result) else limit_s for result in results]
+    said_s = [result.flown_s or limit_s if is_reached(scenario, result) else limit_s for result in results]
     return {
         "capture_s_mean": float(capture_s.mean()),
         "capture_s_mean_ci95": mean_interval(capture_s),
@@ -236,7 +236,7 @@ def _in_flight(scenario: Scenario, results: list[VirtualResult]) -> dict[str, An
 
 def summary(scenario: Scenario, results: list[VirtualResult]) -> dict[str, Any]:
     """Of the chases of one setting."""
-    reached = np.array([_is_reached(scenario, result) for result in results])
+    reached = np.array([is_reached(scenario, result) for result in results])
     lost = scenario.max_movements + 1
     # As in the evaluation: what is not reached counts as more movements than there are, and is never dropped.
     movements = np.where(reached, [result.movements for result in results], lost)

@@ -135,6 +135,16 @@ class BenchmarkLiarsCommand(_LiveChasesCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchmarkTransmittersCommand(_LiveChasesCommand):
+    """Simulated live flights with another transmitter 150 m from the target, and without: which one is called
+    reached."""
+
+    def run(self) -> None:
+        """Measure and report."""
+        self.report_chases("transmitters")
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchmarkSeparationCommand:
     """How near vehicles truly come in situations drawn for it: pilots, dead agents, cut links, wind, wrong places."""
 

@@ -41,6 +41,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "benchmark cluster": "benchmark.BenchmarkClusterCommand",
         "benchmark live": "benchmark.BenchmarkLiveCommand",
         "benchmark liars": "benchmark.BenchmarkLiarsCommand",
+        "benchmark transmitters": "benchmark.BenchmarkTransmittersCommand",
         "benchmark separation": "benchmark.BenchmarkSeparationCommand",
         "benchmark nearness": "benchmark.BenchmarkNearnessCommand",
         "benchmark recordings": "benchmark.BenchmarkRecordingsCommand",

@@ -14,7 +14,15 @@ from .link import messages as link_messages
 from .link.mavlink import ControllerMavlinkLink
 from .link.messages import TrackerMode
 from .rates import SPAN_S, Rates, in_words
-from .service.chase_state import LED, UNDER_WAY, ChaseState, Snapshot, TrackerLine, TrackerSnapshot
+from .service.chase_state import (
+    LED,
+    NOT_ONE_TRANSMITTER,
+    UNDER_WAY,
+    ChaseState,
+    Snapshot,
+    TrackerLine,
+    TrackerSnapshot,
+)
 from .service.preflight import in_words as preflight_in_words
 from .standing import Standing
 
@@ -127,6 +135,7 @@ class Alarms:
             *_of_state(snapshot),
             *(alarm for number, one in enumerate(snapshot.trackers) for alarm in _of_tracker(number, one, snapshot)),
             *_of_controller(snapshot),
+            *_of_transmitters(snapshot),
             *_of_receivers(snapshot),
             *_of_safety_filter(snapshot),
             *self._of_standing(snapshot),
@@ -228,6 +237,12 @@ def _of_controller(snapshot: Snapshot) -> Iterator[Alarm]:
     elif snapshot.condition is Condition.DEAF:
         text = "the controller has heard nothing in the last window"
         yield Alarm("controller", text, over="the controller hears the target again")
+
+
+def _of_transmitters(snapshot: Snapshot) -> Iterator[Alarm]:
+    if snapshot.hears_two and snapshot.state in UNDER_WAY:
+        text = f"{NOT_ONE_TRANSMITTER}: it fades as two do whose powers add up, and the service calls neither reached"
+        yield Alarm("transmitters", f"{text}; the word reached does", news=text)
 
 
 def _of_receivers(snapshot: Snapshot) -> Iterator[Alarm]:

@@ -45,6 +45,8 @@ LED = IN_FLIGHT | {ChaseState.SAMPLING, ChaseState.MOVING}
 """In these trackers are led towards the target."""
 UNDER_WAY = LED | {ChaseState.CONNECTING, ChaseState.HOLDING}
 """From these a chase can still be held or declared reached."""
+NOT_ONE_TRANSMITTER = "what is heard does not fit one transmitter"
+"""Why nothing counts as reached: in reasons and alarms."""
 
 
 @dataclass(frozen=True)
@@ -185,3 +187,6 @@ class Snapshot:
     asked_m: Metres = (0.0, 0.0, 0.0)
     """By the last decision, the way of the centre until the next one, before limits change it: the controller's, or the
     course's in flight."""
+    hears_two: bool = False
+    """Whether what is heard in flight does not fit one transmitter: nothing counts as reached but by the operator's
+    word."""

@@ -13,6 +13,7 @@ from .pace import Window
 from .safety import SafetyLimits
 from .sample_window import Point
 from .search import Loss, Spiral
+from .second_transmitter import SecondTransmitter
 from .settings import ServiceSettings
 
 END_GAME_M = 10.0
@@ -29,6 +30,7 @@ class FlightCourse:
         self._scenario, self._limits = scenario, limits
         self._follows = settings.follow
         self._judge = CaptureJudge(scenario, settings.reached_windows, settings.minimum_trackers)
+        self._second = SecondTransmitter(scenario)
         self._loss = Loss()
         self.following = Following(scenario)
         """Since the target was first reached."""
@@ -41,6 +43,11 @@ class FlightCourse:
     def newest_share(self) -> float | None:
         """As ``CaptureJudge.newest_share``."""
         return self._judge.newest_share
+
+    @property
+    def hears_two(self) -> bool:
+        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then."""
+        return self._second.is_heard
 
     def forget(self) -> None:
         """The swarm has paused, or it was not reached after all: judge by windows to come alone."""
@@ -63,6 +70,7 @@ class FlightCourse:
         assert window.time_s is not None
         before = self.state
         is_caught = belief is not None and self._judge.is_reached(window, origin_m, belief)
+        self._second.take(window, origin_m, belief, is_caught)
         self._loss.take(float(window.time_s[-1]), bool(np.isfinite(window.rssi_dbm).any()), belief)
         if self.is_followed and before is not ChaseState.REACHED and belief is not None:
             self.following.count(float(np.linalg.norm(belief.mean_m[0].numpy() + origin_m - window.center_m)))
@@ -83,7 +91,7 @@ class FlightCourse:
         if self.state is ChaseState.SEARCHING:
             self.state = ChaseState.PURSUING
             return "the target is found again"
-        if is_caught and self.state is ChaseState.PURSUING:
+        if is_caught and self.state is ChaseState.PURSUING and not self.hears_two:
             self.is_followed = self._follows
             self.state = ChaseState.FOLLOWING if self._follows else ChaseState.REACHED
         return CAUGHT

@@ -29,7 +29,17 @@ from ...scenario import NUM_TRACKERS, Scenario
 from ..clock import Clock
 from ..link.messages import SetPoint
 from ..link.protocol import ControllerLink
-from .chase_state import IN_FLIGHT, LED, UNDER_WAY, ChaseState, Decision, PreflightCheck, Snapshot, Transition
+from .chase_state import (
+    IN_FLIGHT,
+    LED,
+    NOT_ONE_TRANSMITTER,
+    UNDER_WAY,
+    ChaseState,
+    Decision,
+    PreflightCheck,
+    Snapshot,
+    Transition,
+)
 from .course import FlightCourse
 from .nearness import NearnessJudge
 from .pace import StopAndListen, Window
@@ -215,7 +225,8 @@ class ControllerService:
         if isinstance(judge, NearnessJudge) and judge.is_reached(window.rssi_dbm, window.offset_m):
             self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
         elif self._movements >= self._scenario.max_movements and not self._is_followed():
-            self._stop(ChaseState.LOST, f"{self._movements} movements are spent")
+            refused = f"; {NOT_ONE_TRANSMITTER}" if self._hears_two() else ""
+            self._stop(ChaseState.LOST, f"{self._movements} movements are spent{refused}")
         else:
             self._decide(window)
 
@@ -291,6 +302,9 @@ class ControllerService:
 
     def _is_followed(self) -> bool:
         return isinstance(self._judge, FlightCourse) and self._judge.is_followed
+
+    def _hears_two(self) -> bool:
+        return isinstance(self._judge, FlightCourse) and self._judge.hears_two
 
     def _listening(self) -> ChaseState:
         """In this state windows are listened to."""
@@ -386,6 +400,7 @@ class ControllerService:
             turned_rad=self._pace.turned_rad if isinstance(self._pace, ListenInFlight) else 0.0,
             following=self._judge.following.told if isinstance(self._judge, FlightCourse) else None,
             asked_m=metres(self._asked_m),
+            hears_two=self._hears_two(),
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
