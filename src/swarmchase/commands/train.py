@@ -1,12 +1,12 @@
-"""``swarmchase train a3c | batched | windows``: train the four networks as the paper does, or in one process on large
-batches; or the network with which ``adaptive`` reads windows."""
+"""``swarmchase train a3c | batched | windows | pursuit``: train the four networks as the paper does, or in one process on
+large batches; or the network with which ``adaptive`` reads windows; or the one that chases in flight."""
 
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from ..errors import InputError
 from .options import ScenarioOptions, SettingsOptions
@@ -16,6 +16,8 @@ from .terminal import CONSOLE, print_json, warn
 Schedule = Literal["processes", "deterministic"]
 Precision = Literal["float32", "bfloat16"]
 """As in ``training.settings``, which is slow to import: it needs torch."""
+_Settings = TypeVar("_Settings")
+"""A dataclass with the settings of a training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,8 +184,8 @@ class TrainBatchedCommand(SettingsOptions, _TrainOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainWindowsCommand:
-    """Train the network with which adaptive reads windows, on fading drawn for it. Ctrl-C stops it cleanly."""
+class _LearnerOptions:
+    """Of trainings that one process makes (``training.learner``)."""
 
     folder: Path
     """Folder of the run: best.safetensors and resume.safetensors."""
@@ -191,48 +193,52 @@ class TrainWindowsCommand:
     """Go on with the run in the folder; give the same options as before."""
     updates: int | None = None
     """Updates of the network."""
-    worlds: int | None = None
-    """Worlds of fading in an update."""
     learning_rate: float | None = None
     """Adam's learning rate at first."""
     seed: int | None = None
-    """Seed of worlds, fading and initial weights."""
+    """Seed of all that is drawn, initial weights included."""
     device: str = "cpu"
     """cpu, or cuda where PyTorch sees a GPU."""
     json: bool = False
     """Print how the run ended as one JSON object on standard output."""
+
+    def _settings(self, kind: Callable[..., _Settings], **own: Any) -> _Settings:
+        """The settings that were given, others as they are by themselves."""
+        given = {
+            "max_updates": self.updates,
+            "learning_rate": self.learning_rate,
+            "seed": self.seed,
+            **own,
+        }
+        return kind(**{name: value for name, value in given.items() if value is not None})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainWindowsCommand(_LearnerOptions):
+    """Train the network with which adaptive reads windows, on fading drawn for it. Ctrl-C stops it cleanly."""
+
+    worlds: int | None = None
+    """Worlds of fading in an update."""
 
     def run(self) -> None:
         """Train and report."""
         from ..training.windows import WindowsSettings
         from ..training.windows_run import train_windows
 
-        given: dict[str, Any] = {
-            "max_updates": self.updates,
-            "worlds": self.worlds,
-            "learning_rate": self.learning_rate,
-            "seed": self.seed,
-        }
-        settings = WindowsSettings(**{name: value for name, value in given.items() if value is not None})
+        settings = self._settings(WindowsSettings, worlds=self.worlds)
         with _loss_shown(settings.max_updates) as progress:
             result = train_windows(settings, self.folder, self.resume, self.device, progress)
         _tell(result, "loss_nats", self.json)
 
 
-@dataclass(frozen=True)
-class TrainPursuitCommand:
+@dataclass(frozen=True, kw_only=True)
+class TrainPursuitCommand(_LearnerOptions):
     """Train pursuit, the network that chases in flight, in its own flights. Ctrl-C stops it cleanly."""
 
-    folder: Path
-    """Folder of the run: best.safetensors and resume.safetensors."""
     lessons: tuple[str, ...] | None = None
     """What is flown, side by side: scenario:behaviour:target_speed_mps:sampling_hz each."""
     start: Path | None = None
     """A weights file to begin with, of an earlier run."""
-    resume: bool = False
-    """Go on with the run in the folder; give the same options as before."""
-    updates: int | None = None
-    """Updates of the network."""
     flights: int | None = None
     """Flights side by side, of all lessons."""
     intervals: int | None = None
@@ -243,32 +249,14 @@ class TrainPursuitCommand:
     """Of the updates, the first ones, in which nothing is reinforced."""
     slow_share: float | None = None
     """Of the updates, the first ones, in which targets fly at half their speed."""
-    learning_rate: float | None = None
-    """Adam's learning rate at first."""
-    seed: int | None = None
-    """Seed of flights, exploration and initial weights."""
-    device: str = "cpu"
-    """cpu, or cuda where PyTorch sees a GPU."""
-    json: bool = False
-    """Print how the run ended as one JSON object on standard output."""
 
     def run(self) -> None:
         """Train and report."""
         from ..training.pursuit import PursuitSettings
         from ..training.pursuit_run import train_pursuit
 
-        given: dict[str, Any] = {
-            "max_updates": self.updates,
-            "lessons": self.lessons,
-            "flights": self.flights,
-            "intervals": self.intervals,
-            "exploration": self.exploration,
-            "supervised_share": self.supervised_share,
-            "slow_share": self.slow_share,
-            "learning_rate": self.learning_rate,
-            "seed": self.seed,
-        }
-        settings = PursuitSettings(**{name: value for name, value in given.items() if value is not None})
+        own = ("lessons", "flights", "intervals", "exploration", "supervised_share", "slow_share")
+        settings = self._settings(PursuitSettings, **{name: getattr(self, name) for name in own})
         with _loss_shown(settings.max_updates) as progress:
             result = train_pursuit(settings, self.folder, self.start, self.resume, self.device, progress)
         _tell(result, "loss", self.json)
