@@ -1,5 +1,5 @@
-"""``swarmchase train a3c | batched | windows | pursuit``: train the four networks as the paper does, or in one process on
-large batches; or the network with which ``adaptive`` reads windows; or the one that chases in flight."""
+"""``swarmchase train a3c | batched | windows | pursuit``: train the four networks as the paper does, or in one process
+on large batches; or the network with which ``adaptive`` reads windows; or the one that chases in flight."""
 
 import contextlib
 import dataclasses
