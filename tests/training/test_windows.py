@@ -11,7 +11,7 @@ from swarmchase.cli import main
 from swarmchase.errors import InputError
 from swarmchase.networks.weights import load_weights
 from swarmchase.networks.windows import WindowsNetwork
-from swarmchase.training import windows_run
+from swarmchase.training import learner
 from swarmchase.training.windows import TABLE_K, TABLE_SHARE, WindowsSettings, drawn_worlds, reported_db, windows_loss
 from swarmchase.training.windows_run import train_windows
 
@@ -53,7 +53,7 @@ def _loss_nats(network: WindowsNetwork) -> float:
 
 def test_it_learns_and_goes_on_exactly_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = train_windows(SMALL, tmp_path / "whole")
-    monkeypatch.setattr(windows_run, "CHECKPOINT_INTERVAL", 30)
+    monkeypatch.setattr(learner, "CHECKPOINT_INTERVAL", 30)
 
     class _BrokenError(Exception):
         pass

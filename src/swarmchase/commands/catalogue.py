@@ -16,6 +16,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "train a3c": "train.TrainA3CCommand",
         "train batched": "train.TrainBatchedCommand",
         "train windows": "train.TrainWindowsCommand",
+        "train pursuit": "train.TrainPursuitCommand",
     },
     "Fly": {
         "live": "live.LiveCommand",

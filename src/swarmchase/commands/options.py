@@ -22,6 +22,7 @@ ActionChoice = Literal["sampled", "greedy"]
 
 CONTROLLERS = (
     "adaptive",
+    "pursuit",
     "recurrent",
     "robust",
     "particle",

@@ -1,12 +1,12 @@
-"""``swarmchase train a3c | batched | windows``: train the four networks as the paper does, or in one process on large
-batches; or the network with which ``adaptive`` reads windows."""
+"""``swarmchase train a3c | batched | windows | pursuit``: train the four networks as the paper does, or in one process
+on large batches; or the network with which ``adaptive`` reads windows; or the one that chases in flight."""
 
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from ..errors import InputError
 from .options import ScenarioOptions, SettingsOptions
@@ -16,6 +16,8 @@ from .terminal import CONSOLE, print_json, warn
 Schedule = Literal["processes", "deterministic"]
 Precision = Literal["float32", "bfloat16"]
 """As in ``training.settings``, which is slow to import: it needs torch."""
+_Settings = TypeVar("_Settings")
+"""A dataclass with the settings of a training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,8 +184,8 @@ class TrainBatchedCommand(SettingsOptions, _TrainOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainWindowsCommand:
-    """Train the network with which adaptive reads windows, on fading drawn for it. Ctrl-C stops it cleanly."""
+class _LearnerOptions:
+    """Of trainings that one process makes (``training.learner``)."""
 
     folder: Path
     """Folder of the run: best.safetensors and resume.safetensors."""
@@ -191,40 +193,99 @@ class TrainWindowsCommand:
     """Go on with the run in the folder; give the same options as before."""
     updates: int | None = None
     """Updates of the network."""
-    worlds: int | None = None
-    """Worlds of fading in an update."""
     learning_rate: float | None = None
     """Adam's learning rate at first."""
     seed: int | None = None
-    """Seed of worlds, fading and initial weights."""
+    """Seed of all that is drawn, initial weights included."""
     device: str = "cpu"
     """cpu, or cuda where PyTorch sees a GPU."""
     json: bool = False
     """Print how the run ended as one JSON object on standard output."""
+
+    def _settings(self, kind: Callable[..., _Settings], **own: Any) -> _Settings:
+        """The settings that were given, others as they are by themselves."""
+        given = {
+            "max_updates": self.updates,
+            "learning_rate": self.learning_rate,
+            "seed": self.seed,
+            **own,
+        }
+        return kind(**{name: value for name, value in given.items() if value is not None})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainWindowsCommand(_LearnerOptions):
+    """Train the network with which adaptive reads windows, on fading drawn for it. Ctrl-C stops it cleanly."""
+
+    worlds: int | None = None
+    """Worlds of fading in an update."""
 
     def run(self) -> None:
         """Train and report."""
         from ..training.windows import WindowsSettings
         from ..training.windows_run import train_windows
 
-        given: dict[str, Any] = {
-            "max_updates": self.updates,
-            "worlds": self.worlds,
-            "learning_rate": self.learning_rate,
-            "seed": self.seed,
-        }
-        settings = WindowsSettings(**{name: value for name, value in given.items() if value is not None})
-        with progress_bar("updates", settings.max_updates, "loss") as show:
-
-            def progress(update: int, loss_nats: float) -> None:
-                show(update, f"{loss_nats:.3f}", "")
-
+        settings = self._settings(WindowsSettings, worlds=self.worlds)
+        with _loss_shown(settings.max_updates) as progress:
             result = train_windows(settings, self.folder, self.resume, self.device, progress)
-        CONSOLE.print(
-            f"Training {result.stopped}: {result.updates} updates, in {result.weights}", markup=False, soft_wrap=True
+        _tell(result, "loss_nats", self.json)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainPursuitCommand(_LearnerOptions):
+    """Train pursuit, the network that chases in flight, in its own flights. Ctrl-C stops it cleanly."""
+
+    lessons: tuple[str, ...] | None = None
+    """What is flown, side by side: scenario:behaviour:target_speed_mps:sampling_hz each."""
+    start: Path | None = None
+    """A weights file to begin with, of an earlier run."""
+    flights: int | None = None
+    """Flights side by side, of all lessons."""
+    intervals: int | None = None
+    """Decisions of each flight in an update."""
+    exploration: float | None = None
+    """Standard deviation of what is tried out, in full speeds."""
+    supervised_share: float | None = None
+    """Of the updates, the first ones, in which nothing is reinforced."""
+    slow_share: float | None = None
+    """Of the updates, the first ones, in which targets fly at half their speed."""
+
+    def run(self) -> None:
+        """Train and report."""
+        from ..training.pursuit import PursuitSettings
+        from ..training.pursuit_run import train_pursuit
+
+        own = ("lessons", "flights", "intervals", "exploration", "supervised_share", "slow_share")
+        settings = self._settings(PursuitSettings, **{name: getattr(self, name) for name in own})
+        with _loss_shown(settings.max_updates) as progress:
+            result = train_pursuit(settings, self.folder, self.start, self.resume, self.device, progress)
+        _tell(result, "loss", self.json)
+
+
+@contextlib.contextmanager
+def _loss_shown(max_updates: int) -> "Iterator[Callable[[int, float], None]]":
+    with progress_bar("updates", max_updates, "loss") as show:
+
+        def progress(update: int, loss: float) -> None:
+            show(update, f"{loss:.3f}", "")
+
+        yield progress
+
+
+def _tell(result: Any, loss_name: str, as_json: bool) -> None:
+    """How a learner's training ended."""
+    CONSOLE.print(
+        f"Training {result.stopped}: {result.updates} updates, in {result.weights}", markup=False, soft_wrap=True
+    )
+    if as_json:
+        print_json(
+            {
+                "updates": result.updates,
+                loss_name: result.loss,
+                "weights": str(result.weights),
+                "stopped": result.stopped,
+            }
         )
-        if self.json:
-            print_json({**dataclasses.asdict(result), "weights": str(result.weights)})
 
 
 @contextlib.contextmanager

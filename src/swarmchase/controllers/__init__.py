@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..networks.fading import CorrectedPower
 from ..networks.forms import FORMS
 from ..networks.protocol import DecidingNetworks, ExpectingNetwork, Form, HearingNetworks
+from ..networks.pursuit import PursuitNetwork
 from ..networks.weights import checked_weights, read_weights, shared_weights
 from ..networks.windows import WindowsNetwork
 from ..plug_ins import made_by_plug_in, plug_in_names
@@ -24,6 +25,7 @@ from .multilateration import MultilaterationController
 from .oracle import OracleController
 from .particle import ParticleController
 from .protocol import Controller
+from .pursuit import PursuitController, require_flight
 from .random import RandomController
 from .shipped import chosen_weights, shipped_families
 
@@ -177,6 +179,8 @@ def network_controller(
         return ParticleController(scenario, name, window_power=CorrectedPower(networks, scenario))
     if isinstance(networks, WindowsNetwork):
         return AdaptiveController(scenario, networks, name)
+    if isinstance(networks, PursuitNetwork):
+        return PursuitController(scenario, networks, name)
     assert isinstance(networks, DecidingNetworks)
     return LearnedController(scenario, networks, name, action_choice)
 
@@ -205,7 +209,7 @@ def require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
     """Refuse a scenario that networks of this form cannot decide in.
 
     Raises:
-        InputError: windows of another length, or action sets that they do not choose from.
+        InputError: windows of another length, action sets that they do not choose from, or another pace.
     """
     if form.window_samples not in (None, scenario.samples_a_decision):
         raise InputError(
@@ -213,3 +217,5 @@ def require_fit(form: Form[Any, Any], scenario: Scenario, name: str) -> None:
         )
     if issubclass(form.filed, DecidingNetworks):
         require_action_sets(scenario, name)
+    if issubclass(form.filed, PursuitNetwork):
+        require_flight(scenario, name)

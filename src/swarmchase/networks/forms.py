@@ -9,9 +9,12 @@ from .fading import FadingForm
 from .gated import GatedForm
 from .paper import PaperForm
 from .protocol import Form, FormSettings, HearingNetworks
+from .pursuit import PursuitForm
 from .windows import WindowsForm
 
-FORMS: dict[str, Form[Any, Any]] = {form.name: form for form in (PaperForm(), GatedForm(), FadingForm(), WindowsForm())}
+FORMS: dict[str, Form[Any, Any]] = {
+    form.name: form for form in (PaperForm(), GatedForm(), FadingForm(), WindowsForm(), PursuitForm())
+}
 
 
 def new_networks(settings: FormSettings, generator: torch.Generator | None = None) -> HearingNetworks:

@@ -22,6 +22,7 @@ from ..files import atomic_path
 from ..scenario import NUM_TRACKERS, Scenario
 from .actor_critic import WindowNetworks, filled_window_dbm
 from .protocol import DecidingNetworks, ExpectingNetwork, HearingNetworks
+from .pursuit import PursuitNetwork
 from .windows import WindowsNetwork
 
 OPSET = 17
@@ -81,6 +82,22 @@ class _OfAllWindows(nn.Module):
         return law.mean_db[0], law.apart_db[0], law.together_db[0]
 
 
+class _OfPursuit(nn.Module):
+    def __init__(self, network: PursuitNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(
+        self,
+        rssi_dbm: Float[Tensor, "chase sample 6"],
+        tracker_position_m: Float[Tensor, "chase 6 3"],
+        center_m: Float[Tensor, "chase 3"],
+        memory: Float[Tensor, "chase memory"],
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        reading, following = self.network(rssi_dbm, tracker_position_m, center_m, memory)
+        return reading.command, reading.way_m, reading.velocity_mps, reading.spread_m, following
+
+
 def save_onnx(path: Path, networks: HearingNetworks, scenario: Scenario, document: dict[str, Any]) -> dict[str, Any]:
     """Write networks as they decide in this scenario, whole or not at all; gives what the file says of itself.
 
@@ -123,8 +140,17 @@ def _graph(networks: HearingNetworks, scenario: Scenario) -> _Graph:
     if isinstance(networks, WindowsNetwork):
         law = ("mean_db", "apart_db", "together_db")
         return _Graph(_OfAllWindows(networks), {"rssi_dbm": rssi_dbm}, law, "window")
-    assert isinstance(networks, DecidingNetworks)
     place_m = torch.zeros(1, NUM_TRACKERS, 3)
+    if isinstance(networks, PursuitNetwork):
+        inputs = {
+            "rssi_dbm": rssi_dbm,
+            "tracker_position_m": place_m,
+            "center_m": torch.zeros(1, 3),
+            "memory": memory,
+        }
+        outputs = ("command", "way_m", "velocity_mps", "spread_m", "next_memory")
+        return _Graph(_OfPursuit(networks), inputs, outputs, "chase")
+    assert isinstance(networks, DecidingNetworks)
     inputs = {"rssi_dbm": rssi_dbm, "tracker_position_m": place_m, "memory": memory}
     return _Graph(_FromMemory(networks), inputs, ("logits", "next_memory"), "chase")
 
