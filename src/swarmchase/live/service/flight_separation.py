@@ -39,8 +39,8 @@ PLACES_AGE_S = 1.0
 
 LONGEST_VALID_S = 2.0
 """No set-point is valid for longer."""
-UNHEARD_SHARES = (1.0, 2 / 3, 1 / 3)
-"""Of the time since a vehicle is known to have obeyed: set-points so old are perhaps the last that it has heard."""
+NUM_UNHEARD = 3
+"""So many of the set-points that may be the last that a vehicle has heard stand for all of them."""
 KEPT_S = 3.0
 """What was sent longer ago nobody obeys any more: then trackers miss the controller (``AgentSettings``) and brake."""
 
@@ -127,33 +127,47 @@ class Told:
             del self._sent[0]
 
     def older(self, now_ns: int, obeyed_ns: Sequence[int | None]) -> Orders:
-        """What each may have heard last instead of what is sent now: some, evenly over what was sent since it was last
-        known to obey.
+        """What each may have heard last instead of what is sent now: of all that was sent since it was last known to
+        obey, those that lead it to the most different places. Every one counts: one that moves on may stand between two
+        that do not.
 
         Args:
             obeyed_ns: When that was sent, of each; None where it is not known.
         """
-        shape = len(UNHEARD_SHARES), NUM_TRACKERS
+        shape = NUM_UNHEARD, NUM_TRACKERS
         rest_m, velocity_mps = np.full((*shape, 3), np.nan), np.zeros((*shape, 3))
         valid_s, since_s = np.zeros(shape), np.zeros(shape)
+        if not self._sent:
+            return Orders(rest_m, velocity_mps, valid_s, since_s)
+        age_s = np.array([(now_ns - sent.time_ns) / 1e9 for sent in self._sent])
+        sent_rest_m = np.stack([sent.rest_m for sent in self._sent])
+        sent_mps = np.stack([np.zeros(3) if sent.onward is None else sent.onward.velocity_mps for sent in self._sent])
+        sent_s = np.stack(
+            [np.zeros(NUM_TRACKERS) if sent.onward is None else sent.onward.valid_s for sent in self._sent]
+        )
+        ends_m = sent_rest_m + sent_mps[:, None] * sent_s[..., None]
         for tracker, time_ns in enumerate(obeyed_ns):
-            longest_ns = KEPT_S * 1e9 if time_ns is None else min(now_ns - time_ns, KEPT_S * 1e9)
-            for number, share in enumerate(UNHEARD_SHARES):
-                sent = self._sent_before(now_ns - share * longest_ns)
-                if sent is not None:
-                    rest_m[number, tracker], since_s[number, tracker] = (
-                        sent.rest_m[tracker],
-                        (now_ns - sent.time_ns) / 1e9,
-                    )
-                    if sent.onward is not None:
-                        velocity_mps[number, tracker] = sent.onward.velocity_mps
-                        valid_s[number, tracker] = sent.onward.valid_s[tracker]
+            first = 0 if time_ns is None else self._sent_before(time_ns)
+            chosen = first + _most_different(ends_m[first:, tracker])
+            rest_m[:, tracker], velocity_mps[:, tracker] = sent_rest_m[chosen, tracker], sent_mps[chosen]
+            valid_s[:, tracker], since_s[:, tracker] = sent_s[chosen, tracker], age_s[chosen]
         return Orders(rest_m, velocity_mps, valid_s, since_s)
 
-    def _sent_before(self, time_ns: float) -> "_Sent | None":
-        """The newest of what was sent up to this moment, or else the oldest that is known."""
+    def _sent_before(self, time_ns: int) -> int:
+        """The number of the newest of what was sent up to this moment, or else of the oldest that is known."""
         number = bisect.bisect_right(self._sent, time_ns, key=lambda sent: sent.time_ns)
-        return self._sent[max(number - 1, 0)] if self._sent else None
+        return max(number - 1, 0)
+
+
+def _most_different(ends_m: Points) -> TrackerNumbers:
+    """Of places [set-point, 3], the newest last, the number of the one that is farthest from the newest, of the one
+    that is farthest beside the way between these two, and of the oldest.
+    """
+    known_m = np.nan_to_num(ends_m - ends_m[-1])
+    far = int(np.linalg.norm(known_m, axis=1).argmax())
+    way_m = known_m[far] / max(float(np.linalg.norm(known_m[far])), 1e-9)
+    beside_m = known_m - (known_m @ way_m)[:, None] * way_m
+    return np.array([far, int(np.linalg.norm(beside_m, axis=1).argmax()), 0])
 
 
 @dataclass(frozen=True, eq=False)
