@@ -54,9 +54,9 @@ def test_what_is_called_reached_too_far_off_is_a_false_alarm_and_counts_as_the_l
 def test_the_command_measures_flights_and_evaluates_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     near = ["--start-distance-m", "5", "--farthest-start-m", "6", "--max-movements", "20"]
     words = ["benchmark", "live", "--scenario", "flight", "--behaviour", "hover", "--target-speed-mps", "0", *near]
-    main([*words, "--controller", "particle", "--chases", "2", "--json"])
+    main([*words, "--chases", "2", "--json"])
     told: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert (told["behaviour"], told["controller"], told["chases"]) == ("hover", "particle", 2)
+    assert (told["behaviour"], told["controller"], told["chases"]) == ("hover", "adaptive", 2)
     assert list(told["settings"]) == list(IN_FLIGHT)
     assert 0 < told["evaluation"]["capture_s_mean"] < 10.5
     for one in told["settings"].values():

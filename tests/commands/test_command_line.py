@@ -1,5 +1,6 @@
 """The command line before a command runs: what there is, what was meant, options from a file, and completion."""
 
+import json
 import os
 import shutil
 import signal
@@ -8,12 +9,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import tyro
 
 from swarmchase.cli import main
-from swarmchase.commands.catalogue import COMMANDS, SECTIONS
+from swarmchase.commands.catalogue import COMMANDS, SECTIONS, kind
 from swarmchase.commands.completion import completion_script
 from swarmchase.processes.stop_request import STOP_SIGNALS
 
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 TRACKER = 'number = 2\nsource = "udp:5000"\nvehicle = "simulated"\n'
 
 
@@ -177,6 +180,56 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.Cap
 
 
 # --- one rule for signals, and one for files that are there ----------------------------------------------------------
+
+
+# --- the controller of live chases that are measured -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "controller"),
+    [
+        ("", "recurrent"),
+        ("--sampling-hz 100 --spatial-correlation 0.5", "recurrent"),
+        ("--scenario flight", "adaptive"),
+        ("--scenario rough --behaviour wander", "adaptive"),
+        ("--scenario flight --controller particle", "particle"),
+        ("--controller gradient", "gradient"),
+    ],
+)
+@pytest.mark.parametrize("name", ["live", "liars", "soak"])
+def test_measured_live_chases_have_the_controller_of_their_pace(name: str, words: str, controller: str) -> None:
+    command = tyro.cli(kind(f"benchmark {name}"), args=words.split())
+    assert command.controller_in(command.world()) == controller
+
+
+@pytest.mark.parametrize("name", ["live", "liars", "soak"])
+def test_what_is_published_of_stopping_trackers_is_measured_again_without_naming_a_controller(name: str) -> None:
+    published = json.loads((BENCHMARKS / f"{name}.json").read_text())
+    command = tyro.cli(kind(f"benchmark {name}"), args=[])
+    assert command.controller_in(command.world()) == published["controller"]
+
+
+@pytest.mark.parametrize("name", ["live", "liars", "soak"])
+def test_help_says_which_controller_that_is(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = " ".join(answered(f"benchmark {name} --help", capsys).split())
+    assert "default is adaptive where trackers listen in flight, recurrent where they stop to listen." in told
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("--scenario flight", "seconds = 1 is refused: the first 60 are only to warm up"),
+        (
+            "--scenario flight --controller gradient",
+            "gradient is refused where a target is followed: it has no belief to follow",
+        ),
+    ],
+)
+def test_an_hour_in_flight_is_refused_for_what_somebody_typed_alone(
+    words: str, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
+    assert refused(f"benchmark soak --seconds 1 {words}", capsys) == line
 
 
 @pytest.mark.parametrize("number", STOP_SIGNALS)

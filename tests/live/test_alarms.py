@@ -20,7 +20,9 @@ from swarmchase.live.events import Event, Events
 from swarmchase.live.link.mavlink import ControllerMavlinkLink
 from swarmchase.live.log.recording import read_recording
 from swarmchase.live.service.chase_state import ChaseState
-from swarmchase.simulation.virtual_chase import TICK_S
+from swarmchase.scenario import load_scenario
+from swarmchase.simulation.site import site_limits
+from swarmchase.simulation.virtual_chase import START_NS, TICK_S
 
 
 def alarms_at(time_s: float) -> dict[str, str]:
@@ -46,6 +48,38 @@ def test_all_that_the_service_knows_is_an_alarm_while_it_lasts() -> None:
     assert any(re.fullmatch(clipped, text) for text in now)
     assert {"tracker 3 is lost", "all hold: 2 trackers are too few"}.isdisjoint(alarms_at(21.0))
     assert "tracker 2 is silent" not in alarms_at(24.0)
+
+
+@pytest.mark.parametrize("name", ["flight", "field"])
+def test_trackers_that_have_just_come_are_not_silent_before_their_first_sample(name: str) -> None:
+    """Everybody says where it is before it has heard anything; in the field one hears nothing for most of a second."""
+    frames, scenario = list[Any](), load_scenario(name)
+    shown = ShownChase(frames.append, controller="particle", scenario=scenario, limits=site_limits(scenario))
+    while shown.seconds() < 1.5:
+        shown.chase.tick()
+    assert shown.chase.service.state is ChaseState.PURSUING
+    first = frames[0]["trackers"]
+    assert {(one["condition"], one["rssi_age_s"]) for one in first} == {("there", None)}
+    assert [alarm for frame in frames for alarm in frame["alarms"]] == []
+    assert not [event.text for event in shown.events.newest if "silent" in event.text]
+
+
+def test_a_tracker_that_never_hears_anything_is_silent_a_second_after_it_came_and_holds_up_the_start() -> None:
+    scenario = load_scenario("flight")
+    shown = ShownChase(lambda _frame: None, controller="particle", faults="silent=2@0", scenario=scenario)
+    while shown.seconds() < 1.5:
+        assert shown.chase.service.state is ChaseState.CONNECTING
+        shown.chase.tick()
+    said = [
+        ((event.time_ns - START_NS) / 1e9, event.text) for event in shown.events.newest if "tracker 2" in event.text
+    ]
+    assert said == [(0.05, "tracker 2 is there"), (pytest.approx(1.05, abs=0.06), "tracker 2 is silent")]
+    failed = [(one.tracker, one.name) for one in shown.chase.service.snapshot().preflight if one.passed is False]
+    assert failed == [(2, "levels")]
+    shown.say("override")
+    while shown.chase.service.state is ChaseState.CONNECTING:
+        assert shown.seconds() < 3.0
+        shown.chase.tick()
 
 
 def test_events_say_what_begins_changes_and_ends_and_when() -> None:

@@ -183,7 +183,7 @@ def test_trackers_that_stop_do_not_follow_nor_does_who_has_no_belief() -> None:
     scenario = paper_scenario()
     with pytest.raises(InputError, match="--follow is refused: trackers that stop"):
         VirtualChase(scenario, load_controller("particle", scenario), 0, 0, settings=FOLLOWS)
-    with pytest.raises(InputError, match="--follow is refused: gradient has no belief"):
+    with pytest.raises(InputError, match="gradient is refused where a target is followed: it has no belief"):
         VirtualChase(
             load_scenario("flight"), load_controller("gradient", load_scenario("flight")), 0, 0, settings=FOLLOWS
         )

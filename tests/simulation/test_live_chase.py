@@ -170,8 +170,12 @@ def test_without_faults_it_is_the_evaluated_chase(tmp_path: Path, lives: list[Li
 def test_in_flight_it_pursues_a_target_that_flies_until_a_tracker_is_told_to_end(
     tmp_path: Path, lives: list[Live]
 ) -> None:
-    """Which ends the whole command and keeps the log. Asked again, the controller says the same, bit for bit."""
-    live = Live(tmp_path, "--behaviour", "waypoints", scenario=FLIGHT)
+    """Which ends the whole command and keeps the log. Asked again, the controller says the same, bit for bit.
+
+    The swarm begins within the success radius, and nobody says so: it has captured the target, and does not follow it.
+    """
+    near = ("--start-distance-m", "1.5", "--farthest-start-m", "1.6", "--reached-windows", "0")
+    live = Live(tmp_path, "--behaviour", "waypoints", *near, scenario=FLIGHT)
     lives.append(live)
     live.wait_for("connecting -> pursuing")
     children = live.children()
@@ -181,6 +185,8 @@ def test_in_flight_it_pursues_a_target_that_flies_until_a_tracker_is_told_to_end
     os.kill(_children(live.stage())[3], signal.SIGHUP)
     summary = live.summary()
     assert (summary["controller"], summary["state"], summary["reached"]) == ("adaptive", "aborted", False), live.told
+    assert 0 <= summary["capture_s"] < 1
+    assert (summary["following_share"], summary["true_following_share"]) == (None, None)
     live.wait_until_nothing_is_left(children)
     recording = live.recording()
     assert recording.state.value == "aborted"

@@ -11,10 +11,14 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..errors import InputError
-from .options import ScenarioOptions
+from ..scenario import Scenario
+from .options import DEFAULT_CONTROLLER, ScenarioOptions
 from .progress import progress_bar
 from .tables import print_table
 from .terminal import print_json
+
+STOPPING_CONTROLLER = "recurrent"
+"""Live chases in the paper's pace were measured with it, and are compared with what is published of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +83,23 @@ class BenchmarkTrainingCommand(_BenchmarkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _LiveChasesCommand(ScenarioOptions):
-    controller: str = "recurrent"
-    """As for swarmchase live."""
+class _LiveOptions(ScenarioOptions):
+    controller: Annotated[
+        str | None,
+        arg(
+            help=f"As for swarmchase live; default is {DEFAULT_CONTROLLER} where trackers listen in flight, "
+            f"{STOPPING_CONTROLLER} where they stop to listen."
+        ),
+    ] = None
+
+    def controller_in(self, scenario: Scenario) -> str:
+        """The one asked for, or the default in the pace of this scenario."""
+        default = STOPPING_CONTROLLER if scenario.pace == "stop_and_listen" else DEFAULT_CONTROLLER
+        return default if self.controller is None else self.controller
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LiveChasesCommand(_LiveOptions):
     episodes: Annotated[int, arg(aliases=["--chases"])] = 100
     """Chases in each setting; --chases is what it was called."""
     seed: int = 0
@@ -106,9 +124,9 @@ class _LiveChasesCommand(ScenarioOptions):
                 show(chases, f"{chases / (time.monotonic() - began_s):.2f}", "")
 
             benchmark = importlib.import_module(f"..benchmarks.{name}", __package__)
-            result = benchmark.measure(
-                self.world(), self.controller, self.episodes, self.seed, self.processes, finished
-            )
+            scenario = self.world()
+            controller = self.controller_in(scenario)
+            result = benchmark.measure(scenario, controller, self.episodes, self.seed, self.processes, finished)
         if self.json:
             print_json(result)
         else:
@@ -180,12 +198,10 @@ class BenchmarkSeparationCommand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkSoakCommand(ScenarioOptions):
+class BenchmarkSoakCommand(_LiveOptions):
     """A live chase in real processes that does not end, with page and log: memory over time, decision time; of a target
     that flies also how well it is followed."""
 
-    controller: str = "recurrent"
-    """As for swarmchase live."""
     seconds: float = 3600.0
     """How long."""
     faults: str = ""
@@ -210,10 +226,11 @@ class BenchmarkSoakCommand(ScenarioOptions):
         require_site(scenario)
         require_played(scenario, fault_plan(self.faults))
         flies = scenario.pace == "listen_in_flight"
-        require_judged(scenario, load_controller(self.controller, scenario), ServiceSettings(follow=flies))
+        controller = self.controller_in(scenario)
+        require_judged(scenario, load_controller(controller, scenario), ServiceSettings(follow=flies))
         with progress_bar("soak", int(self.seconds), "") as show:
             result = soak.measure(
-                scenario, self.controller, self.seconds, self.faults, lambda passed_s: show(passed_s, "", "")
+                scenario, controller, self.seconds, self.faults, lambda passed_s: show(passed_s, "", "")
             )
         if self.json:
             print_json(result)

@@ -46,7 +46,8 @@ class LiveSummary(ServeSummary):
     capture_s: float | None
     """The same in seconds since a target that flies began to; None where it never was, or stands."""
     true_following_share: float | None
-    """Of the time since then, in which the centre truly was as near as one that follows; None before."""
+    """Of the time since then, in which the centre truly was as near as one that follows; None before, and where the
+    swarm is not told to follow."""
 
 
 class StageProcess:
@@ -187,7 +188,7 @@ def run_live_chase(
                 overrides=plan != FaultPlan(),  # whoever has ordered faults wants to see them
                 watchers=[stage.watch, progress],
             )
-            told = _summary(summary, stage, progress)
+            told = _summary(summary, stage.truth, progress, assignment.settings.follow)
             stage.close()
             stage = None
             if linger and not request.made:
@@ -208,8 +209,7 @@ def _target_m(stage: StageProcess | None) -> Metres | None:
     return None if stage is None or stage.truth is None else stage.truth.target_m
 
 
-def _summary(summary: ServeSummary, stage: StageProcess, progress: _Progress) -> LiveSummary:
-    truth = stage.truth
+def _summary(summary: ServeSummary, truth: Truth | None, progress: _Progress, follows: bool) -> LiveSummary:
     return LiveSummary(
         **asdict(summary),
         reached=bool(progress.is_said_rightly),
@@ -217,6 +217,6 @@ def _summary(summary: ServeSummary, stage: StageProcess, progress: _Progress) ->
         movements_to_target=progress.movements_to_target,
         capture_s=None if truth is None or truth.capture_s is None else round(truth.capture_s, 3),
         true_following_share=None
-        if truth is None or truth.following_share is None
+        if truth is None or truth.following_share is None or not follows
         else round(truth.following_share, 4),
     )

@@ -247,6 +247,32 @@ def test_slow_sampling_is_not_silence(sampling_hz: float, silent_after_s: float)
     assert record.is_silent(round(silent_after_s * S) + 1)
 
 
+def test_who_has_just_come_is_not_heard_and_silent_only_after_as_long_as_anybody() -> None:
+    """So it is after a restart, until something comes."""
+    record = TrackerRecord(SCENARIO)
+    tracker = Tracker(record, clock_ns=3600 * S)
+    tracker.at(2).says(tracker.lives(), tracker.is_at(1, 2, 3), tracker.hears(math.nan))
+    tracker.at(3).says(tracker.lives(), tracker.is_at(1, 2, 3), tracker.hears(math.nan))
+    assert not record.is_heard(tracker.now_ns)
+    assert not record.is_silent(tracker.now_ns)
+    assert record.is_silent(tracker.now_ns + 1)
+    tracker.says(tracker.hears(-50.0))
+    assert record.is_heard(tracker.now_ns)
+    tracker.clock_ns = 0
+    tracker.at(9).says(tracker.lives(), tracker.is_at(1, 2, 3))
+    assert (record.is_heard(tracker.now_ns), record.is_silent(tracker.now_ns)) == (False, False)
+    assert record.is_silent(round(10.1 * S))
+    tracker.says(tracker.hears(-50.0))
+    assert not record.is_silent(tracker.now_ns)
+
+
+def test_old_samples_do_not_make_one_that_has_just_come_heard() -> None:
+    record = TrackerRecord(SCENARIO)
+    tracker = Tracker(record, clock_ns=3600 * S).at(5)
+    tracker.says(tracker.lives(), tracker.is_at(1, 2, 3), tracker.hears(-50.0, *[math.nan] * 15))
+    assert (record.is_heard(tracker.now_ns), record.is_silent(tracker.now_ns)) == (False, True)
+
+
 def test_a_restart_empties_the_record() -> None:
     """The clock jumps back from an hour to a second: what is dated by the old clock is void."""
     record = TrackerRecord(SCENARIO)

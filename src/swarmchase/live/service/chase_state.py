@@ -105,6 +105,7 @@ class TrackerSnapshot:
     """Of the newest valid sample; infinite before the first."""
     is_lost: bool
     is_silent: bool
+    """Nothing valid has come of what it hears, for a while; of one that has just come nobody says so."""
     missing_share: float
     """Of its last window."""
     rssi_dbm: tuple[float, ...]

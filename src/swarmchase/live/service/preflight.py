@@ -88,8 +88,9 @@ def _of_tracker(
     inside = tracker.position_m is not None and _is_inside(limits, tracker.position_m)
     yield PreflightCheck("inside the fence", inside, "inside" if inside else "outside the fence", number)
     yield PreflightCheck("place", not tracker.left_out, tracker.left_out or "where the others put it", number)
-    heard = "nothing heard" if tracker.is_silent else f"{1 - tracker.missing_share:.0%} of the last samples"
-    yield PreflightCheck("levels", not tracker.is_silent, heard, number)
+    is_heard = math.isfinite(tracker.rssi_age_s) and not tracker.is_silent
+    heard = f"{1 - tracker.missing_share:.0%} of the last samples" if is_heard else "nothing heard"
+    yield PreflightCheck("levels", is_heard, heard, number)
     if clock_ahead_s is not None:
         agrees = clock_ahead_s <= MOST_CLOCK_AHEAD_S
         yield PreflightCheck("clock", agrees, f"{clock_ahead_s:+.1f} s of this machine's", number)

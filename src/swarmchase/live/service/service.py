@@ -433,7 +433,7 @@ def require_judged(scenario: Scenario, controller: Controller, settings: Service
     if isinstance(controller, Believing):
         return
     if settings.follow:
-        raise InputError(f"--follow is refused: {controller.name} has no belief to follow")
+        raise InputError(f"{controller.name} is refused where a target is followed: it has no belief to follow")
     if settings.reached_windows > 0:
         raise InputError(
             f"{controller.name} is refused in flight: it has no belief to judge by whether the target is reached; with "

@@ -109,7 +109,7 @@ class Swarm:
 
     def awaited(self, patience_s: float) -> list[int]:
         """The trackers that are counted, and of whose receivers more may be on its way."""
-        return [tracker for tracker in self.counted() if not self._records[tracker].is_silent(self._now_ns, patience_s)]
+        return [tracker for tracker in self.counted() if self._records[tracker].is_heard(self._now_ns, patience_s)]
 
     def left_out_words(self) -> str:
         """Who is left out, as the end of a sentence; empty where nobody is."""
@@ -118,9 +118,7 @@ class Swarm:
 
     def there(self) -> Flags:
         """Who could be commanded and is heard, left out or not [tracker]."""
-        return np.array(
-            [one.may_be_commanded(self._now_ns) and not one.is_silent(self._now_ns) for one in self._records]
-        )
+        return np.array([one.may_be_commanded(self._now_ns) and one.is_heard(self._now_ns) for one in self._records])
 
     def positions_m(self) -> Points:
         """Where each tracker was last seen [tracker, 3]; NaN where it never was."""

@@ -21,7 +21,7 @@ from .notices_heard import NoticesHeard
 from .sample_window import KEPT_BEYOND_WINDOW_S, ClockOffset, Levels, Point, Points, SampleWindow, Times
 
 SILENT_S = 1.0
-"""A tracker without a valid sample for so long is silent."""
+"""A tracker without a valid sample for so long is silent: since the last one, or since it came."""
 SILENT_SAMPLES = 3
 """Where sampling is slow, it is silent only after so many missing samples."""
 LOST_S = 1.0
@@ -59,6 +59,8 @@ class TrackerRecord:
     def _forget(self) -> None:
         self._offset.forget()
         self._samples.forget()
+        self._came_ns: int | None = None
+        """When its first message arrived, since its clock began; None before that."""
         # Sender times, rising, and the positions at them.
         self._position_ns: list[int] = []
         self._position_m: list[Point] = []
@@ -89,6 +91,7 @@ class TrackerRecord:
         if isinstance(message, Heartbeat) and self._offset.contradicts(message.time_ns, now_ns):
             self._forget()
         self._offset.heard(message.time_ns, now_ns)
+        self._came_ns = now_ns if self._came_ns is None else self._came_ns
         if isinstance(message, RssiWindow):
             self._samples.add(message)
             self._take_obeyed(message)
@@ -146,9 +149,17 @@ class TrackerRecord:
         """Whether nobody knows where it is."""
         return self.position_age_s(now_ns) > LOST_S
 
-    def is_silent(self, now_ns: int, patience_s: float = 0.0) -> bool:
-        """Whether it hears nothing, or nothing of what it hears arrives, and has not for so much longer."""
-        return self.rssi_age_s(now_ns) > self._silent_s + patience_s
+    def is_heard(self, now_ns: int, patience_s: float = 0.0) -> bool:
+        """Whether something valid of what it hears has arrived, not longer ago than makes it silent, and so much."""
+        return self.rssi_age_s(now_ns) <= self._silent_s + patience_s
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether it hears nothing, or nothing of what it hears arrives. One that has just come is not yet heard, and
+        not silent either: its receiver may not have taken a sample. One that has never come is.
+        """
+        has_just_come = self._came_ns is not None and (now_ns - self._came_ns) / 1e9 <= self._silent_s
+        may_begin = self._samples.newest_valid_ns is None and has_just_come
+        return not self.is_heard(now_ns) and not may_begin
 
     def may_be_commanded(self, now_ns: int) -> bool:
         """Whether it is known where it is and that no one else flies it."""
