@@ -170,7 +170,7 @@ def _most_different(orders_m: Points) -> TrackerNumbers:
     farthest from the newest and all that are chosen (Gonzalez 1985, Clustering to minimize the maximum intercluster
     distance).
     """
-    sent = np.isfinite(orders_m).all(axis=1).nonzero()[0]
+    sent = np.flatnonzero(np.isfinite(orders_m).all(axis=1))
     if len(sent) == 0:
         return np.zeros(NUM_UNHEARD, dtype=np.int64)
     known_m, chosen = orders_m[sent], [0]
