@@ -254,8 +254,8 @@ def test_those_that_are_in_each_others_way_go_round_each_other(places_m: Any) ->
 
 
 def test_a_controller_that_often_changes_its_mind_brings_nobody_too_near() -> None:
-    """Two trackers in line, the one behind without news for a second: it had heard one of many different set-points. They
-    came to 0.23 m of each other while set-points were told apart by their age alone.
+    """Two trackers in line, the one behind without news for a second: it had heard one of many set-points.
+    They came to 0.23 m of each other while set-points were told apart by their age alone.
     """
     scenario = Scenario.from_dict(load_scenario("flight").to_dict() | {"behaviour": "waypoints", "max_movements": 40})
     chase = VirtualChase(scenario, load_controller("pursuit", scenario), 0, 0, fault_plan("burst=0.15"))
