@@ -20,6 +20,7 @@ from swarmchase.live.service.flight_separation import (
     blocked,
     least_apart_m,
     longest_free,
+    needed_m,
 )
 from swarmchase.live.service.separation import STRAYING_M, Traffic
 from swarmchase.live.tracker.vehicles.simulated import SimulatedVehicle, VehicleLimits
@@ -125,23 +126,61 @@ def test_who_would_come_too_near_without_news_is_sent_on_for_shorter_and_the_oth
     assert longest_free(np.full(15, np.inf), after_m, separation_m=1.0) is None
 
 
-def test_what_may_not_have_been_heard_is_what_was_sent_since_the_tracker_last_obeyed() -> None:
-    told, second_ns = Told(), 10**9
+def sent(told: Told, time_s: float, rest_m: Metres, forward_mps: float | None) -> None:
+    """To all; those that move on are valid for 2 s."""
+    onward = None if forward_mps is None else Onward(np.array([forward_mps, 0.0, 0.0]), np.full(6, 2.0), BRAKING)
+    told.note(round(time_s * 1e9), np.tile(rest_m, (6, 1)), onward)
+
+
+def test_of_what_may_be_the_last_that_was_heard_those_that_differ_most_count() -> None:
+    """One that moves on for 20 m, between others that do not: no choice by age alone would find it."""
+    told = Told()
+    sent(told, 0.0, (0.0, 0.0, 0.0), None)
+    sent(told, 0.05, (1.0, 0.0, 0.0), 10.0)
+    sent(told, 0.1, (2.0, 0.0, 0.0), None)
+    sent(told, 0.15, (0.0, 9.0, 0.0), None)
+    sent(told, 0.2, (2.0, 3.0, 0.0), None)
+    obeyed_ns = [None, 0, 40_000_000, 60_000_000, 170_000_000, 200_000_000]
+    older = told.older(250_000_000, obeyed_ns)
+    for tracker in (0, 1, 2):
+        assert older.since_s[:, tracker] == pytest.approx([0.25, 0.2, 0.1, 0.15])
+        assert older.velocity_mps[:, tracker, 0].tolist() == [0, 10, 0, 0]
+        assert older.valid_s[:, tracker].tolist() == [0, 2, 0, 0]
+        assert older.rest_m[:, tracker].tolist() == [[0, 0, 0], [1, 0, 0], [0, 9, 0], [2, 0, 0]]
+    assert older.since_s[:3, 3] == pytest.approx([0.2, 0.1, 0.15])
+    assert older.since_s[:2, 4] == pytest.approx([0.1, 0.1])
+    assert older.since_s[:, 5] == pytest.approx([0.05] * 4)
+
+
+def test_what_was_sent_before_a_tracker_was_given_up_counts_on() -> None:
+    told = Told()
+    sent(told, 0.0, (0.0, 0.0, 0.0), None)
+    sent(told, 0.05, (1.0, 0.0, 0.0), 10.0)
+    sent(told, 0.1, (2.0, 0.0, 0.0), None)
+    sent(told, 0.15, (math.nan, math.nan, math.nan), None)
+    older = told.older(200_000_000, [None] * 6)
+    assert older.since_s[:2, 0] == pytest.approx([0.2, 0.15])
+    nobody = Told()
+    sent(nobody, 0.0, (math.nan, math.nan, math.nan), None)
+    assert np.isnan(nobody.older(0, [None] * 6).rest_m).all()
+
+
+def test_who_has_not_been_seen_for_long_is_kept_farther_from() -> None:
+    seen = Seen(Traffic(NOWHERE, NOWHERE, NOWHERE, NOWHERE), np.array([0.0, 1.0, 1.5, 3.0, math.inf, math.nan]))
+    apart_m = np.full((6, 6), np.nan)
+    apart_m[np.triu_indices(6, 1)] = needed_m(seen, 1.0)
+    assert apart_m[0, 1:].tolist() == [1.0, 1.25, 2.0, 3.0, 3.0]
+    assert apart_m[2, 3] == 2.25
+
+
+def test_what_nobody_obeys_any_more_is_forgotten() -> None:
+    told = Told()
     for step in range(101):
-        told.note(
-            step * second_ns // 20,
-            np.full((6, 3), float(step)),
-            Onward(np.array([step, 0.0, 0.0]), np.full(6, 1.5), BRAKING),
-        )
-    now_ns = 5 * second_ns
-    older = told.older(now_ns, [now_ns, now_ns - second_ns * 6 // 10, None, 0, None, None])
-    assert older.rest_m[:, 0, 0].tolist() == [100, 100, 100]
-    assert older.rest_m[:, 1, 0].tolist() == [88, 92, 96]
-    assert older.velocity_mps[:, 1, 0].tolist() == [88, 92, 96]
-    assert older.since_s[:, 1] == pytest.approx([0.6, 0.4, 0.2])
-    # Of who says nothing, or has long been silent, it is no longer than anybody obeys.
-    for tracker in (2, 3):
-        assert older.since_s[:, tracker] == pytest.approx([KEPT_S, 2 / 3 * KEPT_S, KEPT_S / 3], abs=0.05)
+        sent(told, step / 20, (float(step), 0.0, 0.0), None)
+    older = told.older(5 * 10**9, [None, 0, 5 * 10**9, 4 * 10**9, None, None])
+    assert older.since_s[0].tolist() == [KEPT_S, KEPT_S, 0, 1, KEPT_S, KEPT_S]
+    # The others in between, evenly: half way, then a quarter.
+    assert older.since_s[1:, 0] == pytest.approx([1.5, 2.25, 0.75], abs=0.06)
 
 
 SPEEDS = st.tuples(*[st.floats(-7.0, 7.0)] * 2, st.floats(-3.0, 3.0))

@@ -15,6 +15,7 @@ nothing more, or are stopped by a pilot or a failsafe, keep apart by themselves.
 """
 
 import bisect
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ import numpy.typing as npt
 from ...scenario import NUM_TRACKERS
 from .formation_estimate import TrackerNumbers
 from .sample_window import Flags, Levels, Point, Points
-from .separation import ROUNDING_M, Traffic, segments_apart_m
+from .separation import ROUNDING_M, Traffic, segments_apart_m, stopping_m
 
 HARDEST_BRAKING_MPS2 = 6.0
 """No vehicle comes to rest in less than v^2 / 2 of this: a copter that leans by 30 degrees, with drag."""
@@ -34,13 +35,17 @@ STOPS_AFTER_S = (0.0, 0.4, 1.0, 2.0)
 """Since each was last seen: when it may begin to brake, besides never."""
 GAIN_HZ = 2.0
 """Nearer to its set-point than it flies in 1 / this a vehicle slows down evenly."""
-PLACES_AGE_S = 1.0
-"""What is older than this is lost."""
+PLACES_AGE_S = 5.0
+"""A place that is older counts as so old: then whoever flies has long come to rest."""
+
+SURE_S, STRAYS_MPS = 1.0, 0.5
+"""A place that is older than this may be wrong by so much more in every second: what its tracker has heard in the
+meantime, and when, is less and less known."""
 
 LONGEST_VALID_S = 2.0
 """No set-point is valid for longer."""
-UNHEARD_SHARES = (1.0, 2 / 3, 1 / 3)
-"""Of the time since a vehicle is known to have obeyed: set-points so old are perhaps the last that it has heard."""
+NUM_UNHEARD = 4
+"""So many of the set-points that may be the last that a vehicle has heard stand for all of them."""
 KEPT_S = 3.0
 """What was sent longer ago nobody obeys any more: then trackers miss the controller (``AgentSettings``) and brake."""
 
@@ -127,33 +132,53 @@ class Told:
             del self._sent[0]
 
     def older(self, now_ns: int, obeyed_ns: Sequence[int | None]) -> Orders:
-        """What each may have heard last instead of what is sent now: some, evenly over what was sent since it was last
-        known to obey.
+        """What each may have heard last instead of what is sent now: of all that was sent since it was last known to
+        obey, those that differ most in where they stand and where they move on to. Every one counts: one that moves on
+        may stand between two that do not.
 
         Args:
             obeyed_ns: When that was sent, of each; None where it is not known.
         """
-        shape = len(UNHEARD_SHARES), NUM_TRACKERS
+        shape = NUM_UNHEARD, NUM_TRACKERS
         rest_m, velocity_mps = np.full((*shape, 3), np.nan), np.zeros((*shape, 3))
         valid_s, since_s = np.zeros(shape), np.zeros(shape)
+        if not self._sent:
+            return Orders(rest_m, velocity_mps, valid_s, since_s)
+        age_s = np.array([(now_ns - sent.time_ns) / 1e9 for sent in self._sent])
+        sent_rest_m = np.stack([sent.rest_m for sent in self._sent])
+        sent_mps = np.stack([np.zeros(3) if sent.onward is None else sent.onward.velocity_mps for sent in self._sent])
+        sent_s = np.stack(
+            [np.zeros(NUM_TRACKERS) if sent.onward is None else sent.onward.valid_s for sent in self._sent]
+        )
+        ends_m = sent_rest_m + sent_mps[:, None] * sent_s[..., None]
+        orders_m = np.concatenate([sent_rest_m, ends_m], axis=2)
         for tracker, time_ns in enumerate(obeyed_ns):
-            longest_ns = KEPT_S * 1e9 if time_ns is None else min(now_ns - time_ns, KEPT_S * 1e9)
-            for number, share in enumerate(UNHEARD_SHARES):
-                sent = self._sent_before(now_ns - share * longest_ns)
-                if sent is not None:
-                    rest_m[number, tracker], since_s[number, tracker] = (
-                        sent.rest_m[tracker],
-                        (now_ns - sent.time_ns) / 1e9,
-                    )
-                    if sent.onward is not None:
-                        velocity_mps[number, tracker] = sent.onward.velocity_mps
-                        valid_s[number, tracker] = sent.onward.valid_s[tracker]
+            first = 0 if time_ns is None else self._sent_before(time_ns)
+            chosen = first + _most_different(orders_m[first:, tracker])
+            rest_m[:, tracker], velocity_mps[:, tracker] = sent_rest_m[chosen, tracker], sent_mps[chosen]
+            valid_s[:, tracker], since_s[:, tracker] = sent_s[chosen, tracker], age_s[chosen]
         return Orders(rest_m, velocity_mps, valid_s, since_s)
 
-    def _sent_before(self, time_ns: float) -> "_Sent | None":
-        """The newest of what was sent up to this moment, or else the oldest that is known."""
+    def _sent_before(self, time_ns: int) -> int:
+        """The number of the newest of what was sent up to this moment, or else of the oldest that is known."""
         number = bisect.bisect_right(self._sent, time_ns, key=lambda sent: sent.time_ns)
-        return self._sent[max(number - 1, 0)] if self._sent else None
+        return max(number - 1, 0)
+
+
+def _most_different(orders_m: Points) -> TrackerNumbers:
+    """Of set-points [set-point, feature], NaN where nothing was sent, the number of the oldest, then of the one that is
+    farthest from the newest and all that are chosen (Gonzalez 1985, Clustering to minimize the maximum intercluster
+    distance).
+    """
+    sent = np.flatnonzero(np.isfinite(orders_m).all(axis=1))
+    if len(sent) == 0:
+        return np.zeros(NUM_UNHEARD, dtype=np.int64)
+    known_m, chosen = orders_m[sent], [0]
+    apart_m = np.minimum(*(np.linalg.norm(known_m - known_m[number], axis=1) for number in (0, -1)))
+    while len(chosen) < NUM_UNHEARD:
+        chosen.append(int(apart_m.argmax()))
+        apart_m = np.minimum(apart_m, np.linalg.norm(known_m - known_m[chosen[-1]], axis=1))
+    return sent[chosen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +188,13 @@ class Seen:
     traffic: Traffic
     age_s: Levels
     """Of what each said [tracker]."""
+
+
+def needed_m(seen: Seen, separation_m: float) -> Levels:
+    """How far each two have to be apart by what is known of them [pair], to be so far apart in truth."""
+    age_s = np.clip(np.nan_to_num(seen.age_s, nan=PLACES_AGE_S, posinf=PLACES_AGE_S), 0.0, PLACES_AGE_S)
+    strays_m = STRAYS_MPS * np.maximum(age_s - SURE_S, 0.0)
+    return np.asarray(separation_m + strays_m[_ONE] + strays_m[_OTHER])
 
 
 def least_apart_m(seen: Seen, orders: Orders, older: Orders, braking: Braking, enough_m: float) -> Levels:
@@ -223,7 +255,7 @@ def _lines_apart_m(
     return np.asarray(apart_m.min(axis=1))
 
 
-def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> TrackerNumbers | None:
+def longest_free(before_m: Levels, after_m: Levels, separation_m: float | Levels) -> TrackerNumbers | None:
     """Of set-points that are valid for shorter and shorter, the number of the first set that each vehicle may be sent
     [tracker]; None where not even the last may be.
 
@@ -232,6 +264,7 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> Trac
     Args:
         before_m: The least distances with the set-points of before [pair],
         after_m: and with each set [set, pair].
+        separation_m: What is not too near, of all or of each pair.
     """
     is_free = (after_m >= separation_m) | (after_m >= before_m - ROUNDING_M)
     # Who is sent a shorter one than the other of a pair gets no further than with that of the other.
@@ -244,7 +277,7 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> Trac
     return first
 
 
-def blocked(least_m: Levels, separation_m: float) -> Flags:
+def blocked(least_m: Levels, separation_m: float | Levels) -> Flags:
     """Which vehicles come too near to another, by the least distances [pair], if all fly on [tracker]."""
     found = np.zeros(NUM_TRACKERS, dtype=np.bool_)
     pairs = least_m < separation_m
@@ -267,7 +300,7 @@ def _places_m(seen: Seen, orders: Orders, older: Orders, braking: Braking) -> np
     stop_m[len(orders.rest_m) :] = np.nan
     # Of the vehicles' own time, which begins when each was last seen.
     flown_m, flown_mps = [position_m], [velocity_mps]
-    for moment in range(_NUM_MOMENTS + round(PLACES_AGE_S / MOMENT_S)):
+    for moment in range(_NUM_MOMENTS + math.ceil(float(age_s.max()) / MOMENT_S)):
         rest_m = np.where(is_free[..., None], stop_m, flown.rest_at_m(moment * MOMENT_S - age_s))
         position_m, velocity_mps = _flown(position_m, velocity_mps, rest_m, braking)
         flown_m.append(position_m)
@@ -283,16 +316,22 @@ def _places_m(seen: Seen, orders: Orders, older: Orders, braking: Braking) -> np
     brakes_m = placed_m[..., :1, :]
     # One line past each two next to one another of those that have not heard, and from each to the one that brakes.
     unheard_m = np.where(np.isfinite(unheard_m[..., -1:, :]), unheard_m[..., -1:, :], brakes_m[:, :1])
-    longest_m, longer_m, long_m = (one_m.repeat(len(orders.rest_m), 1) for one_m in np.split(unheard_m, 3, axis=1))
-    line_m = [longer_m, longest_m, brakes_m, longer_m, long_m, placed_m]
+    oldest_m, *others_m = (
+        one_m.repeat(len(orders.rest_m), 1) for one_m in np.split(unheard_m, len(older.rest_m), axis=1)
+    )
+    line_m = [others_m[0], oldest_m, brakes_m, *others_m, placed_m]
     return np.moveaxis(np.concatenate(line_m, axis=-2), 0, 1)
 
 
 def _of_the_free_m(places_m: npt.NDArray[np.float64], traffic: Traffic, is_free: Flags) -> npt.NDArray[np.float64]:
-    """Who is not commanded may have begun to stop at any moment, and flies no further than it says."""
-    stop_m = np.broadcast_to(traffic.stop_m[:, None], places_m.shape[2:])
-    share = np.linspace(0.0, 1.0, places_m.shape[-2])[:, None]
-    straight_m = places_m[..., :1, :] + share * (stop_m - places_m[..., :1, :])
+    """Who is not commanded may have begun to stop at any moment, as hard or as gently as vehicles do, and else flies no
+    further than it says, or than it was told.
+    """
+    brakes_m = places_m[..., :1, :]
+    shape = brakes_m.shape
+    stop_m = np.broadcast_to(traffic.stop_m[:, None], shape)
+    gently_m = np.broadcast_to((traffic.position_m + stopping_m(traffic.velocity_mps))[:, None], shape)
+    straight_m = np.concatenate([brakes_m, gently_m, brakes_m, (brakes_m + stop_m) / 2, stop_m], axis=-2)
     return np.asarray(np.where(is_free[None, ..., None, None], straight_m, places_m))
 
 
