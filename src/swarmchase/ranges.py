@@ -42,6 +42,8 @@ POSITIVE = Range(low=0.0, low_is_allowed=False)
 AT_LEAST_ZERO = Range(low=0.0)
 AT_LEAST_ONE = Range(low=1.0)
 SHARE = Range(0.0, 1.0)
+SEED = Range(0.0, 2.0**61)
+"""Of what PyTorch draws: with what is added to tell one use from another it is still a whole number of 64 bits."""
 
 MOST_SHOWN_CHARACTERS = 200
 """Of a value in a refusal."""

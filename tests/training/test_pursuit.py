@@ -12,8 +12,9 @@ from swarmchase.cli import main
 from swarmchase.errors import InputError
 from swarmchase.networks.pursuit import PursuitNetwork
 from swarmchase.networks.weights import load_weights
-from swarmchase.training import learner
+from swarmchase.training import learner, pursuit
 from swarmchase.training.pursuit import (
+    CHASES_A_LESSON,
     DISCOUNT,
     EARLY_EXPLORATION,
     TRACE,
@@ -54,9 +55,20 @@ def test_what_is_no_lesson_is_refused(lesson: str, refusal: str) -> None:
         PursuitSettings(lessons=(lesson,))
 
 
-def test_every_lesson_needs_a_flight() -> None:
-    with pytest.raises(InputError, match="1 flights for 2 lessons"):
-        PursuitSettings(lessons=SMALL.lessons, flights=1)
+@pytest.mark.parametrize(("flights", "lessons"), [(1, SMALL.lessons), (5, SMALL.lessons)])
+def test_every_lesson_needs_as_many_flights(flights: int, lessons: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match=f"{flights} flights for 2 lessons are refused"):
+        PursuitSettings(lessons=lessons, flights=flights)
+
+
+def test_without_a_lesson_there_is_nothing_to_learn() -> None:
+    with pytest.raises(InputError, match="no lessons"):
+        PursuitSettings(lessons=())
+
+
+def test_a_seed_beyond_what_can_be_drawn_with_is_refused() -> None:
+    with pytest.raises(InputError, match="seed"):
+        PursuitSettings(seed=2**62)
 
 
 def test_what_happens_when_in_a_training() -> None:
@@ -76,40 +88,53 @@ def test_advantages_by_hand() -> None:
         log_probability=[],
         value=[torch.tensor([1.0, 2.0]), torch.tensor([3.0, 4.0])],
         reward=[torch.tensor([0.5, 6.0]), torch.tensor([-0.5, 0.0])],
-        is_reached=[torch.tensor([False, True]), torch.tensor([False, False])],
+        is_reached=[torch.tensor([False, True]), torch.tensor([False, True])],
+        counts=[torch.tensor([True, True]), torch.tensor([True, False])],
     )
     last = torch.tensor([5.0, 1.0])
-    second = [-0.5 + DISCOUNT * 5 - 3, 0.0 + DISCOUNT * 1 - 4]
+    second = [-0.5 + DISCOUNT * 5 - 3, 0.0 - 4]
     first = [0.5 + DISCOUNT * 3 - 1 + DISCOUNT * TRACE * second[0], 6.0 - 2.0]
     assert torch.allclose(advantages(turn, last), torch.tensor([first, second]))
 
 
 def test_what_won_becomes_more_probable() -> None:
-    log_probability = torch.zeros(1, 2, requires_grad=True)
-    policy_loss(torch.tensor([[2.0, -1.0]]), log_probability).backward()  # type: ignore[no-untyped-call]
+    log_probability = torch.zeros(2, requires_grad=True)
+    policy_loss(torch.tensor([2.0, -1.0]), log_probability).backward()  # type: ignore[no-untyped-call]
     assert log_probability.grad is not None
-    better, worse = (-log_probability.grad[0]).tolist()
+    better, worse = (-log_probability.grad).tolist()
     assert better > 0 > worse
 
 
-def test_who_has_reached_or_gone_too_far_is_replaced() -> None:
+def test_flights_that_are_over_are_replaced() -> None:
     network = PursuitNetwork(torch.Generator().manual_seed(0))
-    lesson = Lesson(lesson_scenario("flight:flee:8:20"), 40, network, 1, "cpu")
+    lesson = Lesson(lesson_scenario("flight:flee:8:20"), 40, network, 1, 2, "cpu")
     generator = torch.Generator().manual_seed(0)
-    ages = [lesson.ages]
     for _ in range(4):
         lesson.turn_loss(10, 0.2, True, False, generator)
-        ages.append(lesson.ages)
-    assert all(len(age) == 40 for age in ages)
+    tensors, document = lesson.pack("it")
     # The first flights are taken to be of all ages up to 400 intervals: in 40 intervals about a tenth of them end.
-    begun = int((ages[-1] <= 40).sum())
+    begun = int((tensors["it.age"] < 40).sum())
     assert 1 <= begun <= 15
-    assert lesson.num_begun == 40 + begun
+    assert document["next_chase"] == 2 * CHASES_A_LESSON + 40 + begun
+
+
+def test_who_has_the_target_is_rewarded_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside it, all have it after the first interval: nothing of the others counts."""
+    counted: list[int] = []
+    monkeypatch.setattr(
+        pursuit, "policy_loss", lambda advantage, probability: counted.append(len(advantage)) or 0 * probability.sum()
+    )
+    scenario = dataclasses.replace(
+        lesson_scenario("flight:hover:0:20"), start_distance_m=0.1, farthest_start_m=0.2, success_radius_m=50.0
+    )
+    lesson = Lesson(scenario, 6, PursuitNetwork(torch.Generator().manual_seed(0)), 1, 0, "cpu")
+    lesson.turn_loss(5, 0.2, True, False, torch.Generator().manual_seed(0))
+    assert counted == [6]
 
 
 def _estimate_loss(network: PursuitNetwork) -> float:
     """Of flights that no training sees."""
-    lesson = Lesson(lesson_scenario("flight:hover:0:100"), 64, network, 99, "cpu")
+    lesson = Lesson(lesson_scenario("flight:hover:0:100"), 64, network, 99, 0, "cpu")
     with torch.inference_mode():
         return float(lesson.turn_loss(6, 0.2, False, False, torch.Generator().manual_seed(0)))
 
@@ -126,6 +151,7 @@ def test_it_learns_where_a_target_is(tmp_path: Path) -> None:
 
 
 def test_it_goes_on_exactly_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pursuit, "LONGEST_INTERVALS", 7)  # flights end on either side of the break
     whole = train_pursuit(SMALL, tmp_path / "whole")
     monkeypatch.setattr(learner, "CHECKPOINT_INTERVAL", 3)
     monkeypatch.setattr(learner, "TOLD_INTERVAL", 2)

@@ -85,7 +85,7 @@ def unpack(like: Batch, prefix: str, tensors: dict[str, torch.Tensor], positions
 def _like(value: torch.Tensor, tensor: torch.Tensor) -> torch.Tensor:
     if tensor.shape != value.shape or tensor.dtype != value.dtype:
         raise ValueError(f"{tuple(tensor.shape)} of {tensor.dtype}, needed {tuple(value.shape)} of {value.dtype}")
-    return tensor
+    return tensor.to(value.device)
 
 
 def _parts(value: Any) -> list[tuple[str, Any]]:

@@ -20,7 +20,7 @@ from ..networks.protocol import HearingNetworks
 from ..networks.weights import save_weights
 from ..processes.stop_request import stop_request
 from .resumption import require_same_run
-from .run_folder import LOCK_FILE, RESUME_FILE
+from .run_folder import LOCK_FILE, MOST_RESUME_BYTES, RESUME_FILE
 
 WEIGHTS_FILE = "best.safetensors"
 CHECKPOINT_INTERVAL = 500
@@ -30,7 +30,6 @@ TOLD_INTERVAL = 20
 SMOOTHING = 0.02
 """How far the loss that is told follows each reading."""
 RESUME_VERSION = 2
-MOST_RESUME_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True)

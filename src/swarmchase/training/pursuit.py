@@ -4,8 +4,8 @@ The loss of an interval has two parts. One is supervised: how far the estimates 
 simulator knows, relative to the distance. The other is an advantage actor-critic's (Mnih et al. 2016) with generalised
 advantages (Schulman et al. 2016, High-dimensional continuous control using generalized advantage estimation), on what
 the correction and the exploration around it have won: metres nearer, and the target. Without it the network flies
-straight to where it believes the target to be; with it it learns what nobody told it, such as to come from above, so
-that a target that flees downwards meets the end of its altitude band.
+straight to where it believes the target to be; with it it learns what nobody told it, such as to drive a target that
+flees to an end of its altitude band.
 
 Many flights go on side by side, in turns of a few intervals; whoever has reached the target, or has flown long or far
 enough, is replaced by a new flight between two turns.
@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..formation import Action
 from ..networks.pursuit import PursuitNetwork, PursuitReading, at_most_one
 from ..observation import mean_position_m
-from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, POSITIVE, SHARE, ranged, require_ranges
+from ..ranges import AT_LEAST_ONE, POSITIVE, SEED, SHARE, ranged, require_ranges
 from ..scenario import Scenario, load_scenario
 from ..world.environment import Environment, State
 
@@ -33,6 +33,8 @@ FARTHEST_M = 450.0
 """A flight that has come to this many intervals, or so far from the target, ends."""
 NEAR_SHARE, NEAREST_SHARE = 0.5, 0.1
 """So many flights begin nearer than the scenario's, at a share of the distance between this and 1."""
+CHASES_A_LESSON = 1 << 27
+"""So many of a training's chases a lesson has to itself."""
 SLOW = 0.5
 """Times its speed a target flies at first."""
 CLEAR_M, CLEAR_SHARE = 3.0, 0.5
@@ -48,7 +50,8 @@ DISCOUNT, TRACE = 0.98, 0.95
 MOST_ADVANTAGE = 4.0
 """In standard deviations."""
 EARLY_EXPLORATION, LATE_EXPLORATION = 0.45, 0.05
-"""Standard deviation of the exploration, in full speeds, while nothing is reinforced: from one to the other."""
+"""Standard deviation of the exploration, in full speeds, while nothing is reinforced: at first, and where it would have
+come to if that were all of the training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,15 +77,19 @@ class PursuitSettings:
     max_updates: int = ranged(20_000, AT_LEAST_ONE)
     start_sha256: str | None = None
     """Of the weights file that it began with; None for weights that were drawn."""
-    seed: int = ranged(0, AT_LEAST_ZERO)
+    seed: int = ranged(0, SEED)
     """Of flights, exploration and initial weights."""
 
     def __post_init__(self) -> None:
         require_ranges(self)
         for lesson in self.lessons:
             lesson_scenario(lesson)
-        if not self.lessons or self.flights < len(self.lessons):
-            raise InputError(f"{self.flights} flights for {len(self.lessons)} lessons are refused: each needs one")
+        if not self.lessons:
+            raise InputError("no lessons: needed is one at least, as in flight:flee:8:20")
+        if self.flights % len(self.lessons):
+            raise InputError(
+                f"{self.flights} flights for {len(self.lessons)} lessons are refused: each needs as many as the others"
+            )
 
 
 def lesson_scenario(lesson: str) -> Scenario:
@@ -133,39 +140,35 @@ class Turn:
     value: list[Float[Tensor, "chase"]]
     reward: list[Float[Tensor, "chase"]]
     is_reached: list[Bool[Tensor, "chase"]]
+    counts: list[Bool[Tensor, "chase"]]
+    """Whether the chase was still on when the interval began: who has the target is rewarded no more."""
 
 
 class Lesson:
     """Flights of one scenario that go on from turn to turn."""
 
-    def __init__(self, scenario: Scenario, num_flights: int, network: PursuitNetwork, seed: int, device: str) -> None:
+    def __init__(
+        self, scenario: Scenario, num_flights: int, network: PursuitNetwork, seed: int, number: int, device: str
+    ) -> None:
+        """``number`` is that of the lesson in a training whose chases are those of ``seed``."""
         self._scenario, self._network, self._seed, self._device = scenario, network, seed, device
         slow = replace(scenario, target_speed_mps=SLOW * scenario.target_speed_mps)
         self._environments = {False: Environment(scenario, device), True: Environment(slow, device)}
         self._full_m = scenario.tracker_speed_mps * scenario.decision_s
-        self._chases = torch.Generator().manual_seed(seed)
-        self._next_chase = 0
+        self._chases = torch.Generator().manual_seed(seed + number)
+        self._next_chase = number * CHASES_A_LESSON
         self._flights = self._begun(num_flights)
         age = torch.randint(LONGEST_INTERVALS, (num_flights,), generator=self._chases).to(device)
         self._flights = replace(self._flights, age=age)
-
-    @property
-    def ages(self) -> Int[Tensor, "chase"]:
-        """Intervals that each flight has flown."""
-        return self._flights.age
-
-    @property
-    def num_begun(self) -> int:
-        """Flights altogether."""
-        return self._next_chase
 
     def turn_loss(
         self, intervals: int, exploration: float, reinforced: bool, slow: bool, generator: torch.Generator
     ) -> Float[Tensor, ""]:
         """Fly on for so many intervals; the loss of all of them."""
         self._renew()
-        flights, turn = self._flights, Turn([], [], [], [], [])
+        flights, turn = self._flights, Turn([], [], [], [], [], [])
         state, memory, is_over, age = flights.state, flights.memory.detach(), flights.is_over, flights.age
+        has_target = torch.zeros_like(is_over)
         for _ in range(intervals):
             reading, memory = self._read(state, memory)
             turn.estimate_loss.append(_estimate_loss(reading, state))
@@ -175,8 +178,10 @@ class Lesson:
             turn.log_probability.append(log_probability)
             turn.value.append(reading.value)
             won = (before_m - after_m).float() / self._full_m + REWARD_INTERVAL
-            turn.reward.append(won + torch.where(is_reached & ~is_over, REWARD_REACHED, 0.0))
+            turn.reward.append(won + torch.where(is_reached, REWARD_REACHED, 0.0))
             turn.is_reached.append(is_reached)
+            turn.counts.append(~has_target)
+            has_target = has_target | is_reached
             age = age + 1
             is_over = is_over | is_reached | (age >= LONGEST_INTERVALS) | (after_m > FARTHEST_M)
         self._flights = _Flights(state, memory.detach(), age, is_over)
@@ -294,10 +299,10 @@ def _estimate_loss(reading: PursuitReading, state: State) -> Float[Tensor, ""]:
 
 def _reinforced_loss(turn: Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, ""]:
     """Of actor and critic."""
-    value = torch.stack(turn.value)
+    value, counts = torch.stack(turn.value), torch.stack(turn.counts)
     won = advantages(turn, last_value)
-    loss: Tensor = POLICY_WEIGHT * policy_loss(won, torch.stack(turn.log_probability))
-    return loss + VALUE_WEIGHT * (value - (won + value).detach()).square().mean()
+    loss: Tensor = POLICY_WEIGHT * policy_loss(won[counts], torch.stack(turn.log_probability)[counts])
+    return loss + VALUE_WEIGHT * (value - (won + value).detach())[counts].square().mean()
 
 
 def advantages(turn: Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, "interval chase"]:
@@ -314,9 +319,7 @@ def advantages(turn: Turn, last_value: Float[Tensor, "chase"]) -> Float[Tensor, 
         return torch.stack(backwards[::-1])
 
 
-def policy_loss(
-    advantage: Float[Tensor, "interval chase"], log_probability: Float[Tensor, "interval chase"]
-) -> Float[Tensor, ""]:
+def policy_loss(advantage: Float[Tensor, "interval"], log_probability: Float[Tensor, "interval"]) -> Float[Tensor, ""]:
     """Less where what won more than others is more probable."""
     relative = ((advantage - advantage.mean()) / (advantage.std() + 1e-6)).clamp(-MOST_ADVANTAGE, MOST_ADVANTAGE)
     return -(relative * log_probability).mean()

@@ -17,9 +17,7 @@ from ..networks.weights import load_weights, read_weights
 from .batched import require_device
 from .learner import Learner, LearnerResult, train_learner
 from .pursuit import Lesson, PursuitSettings, exploration_at, is_reinforced, learning_rate_at, lesson_scenario
-
-LESSON_SEEDS = 1 << 20
-"""Apart are the seeds of two lessons' flights, and of every other run's."""
+from .settings import training_seed
 
 
 def train_pursuit(
@@ -57,7 +55,7 @@ class _PursuitLearner(Learner):
         super().__init__(settings, network, device)
         each = settings.flights // len(settings.lessons)
         self._lessons = [
-            Lesson(lesson_scenario(lesson), each, network, (settings.seed + 1) * LESSON_SEEDS + number, device)
+            Lesson(lesson_scenario(lesson), each, network, training_seed(settings.seed), number, device)
             for number, lesson in enumerate(settings.lessons)
         ]
 

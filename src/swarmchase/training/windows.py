@@ -13,7 +13,7 @@ from ..batch.array_types import Bool, Float, Int, Tensor
 from ..channel.fading_worlds import FASTEST, SLOWEST, FadingWorlds
 from ..networks.windows import HeardWindows, WindowsLaw, WindowsNetwork
 from ..observation import mean_power_dbm
-from ..ranges import AT_LEAST_ONE, AT_LEAST_ZERO, POSITIVE, ranged, require_ranges
+from ..ranges import AT_LEAST_ONE, POSITIVE, SEED, ranged, require_ranges
 from ..scenario import NUM_TRACKERS
 
 TABLE_SHARE = 0.5
@@ -51,7 +51,7 @@ class WindowsSettings:
     max_gradient_norm: float = ranged(1.0, POSITIVE)
     """A longer gradient is shortened to this."""
     max_updates: int = ranged(25_800, AT_LEAST_ONE)
-    seed: int = ranged(0, AT_LEAST_ZERO)
+    seed: int = ranged(0, SEED)
     """Of worlds, fading and initial weights."""
 
     def __post_init__(self) -> None:
