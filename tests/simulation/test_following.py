@@ -10,8 +10,13 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 
 from swarmchase import load_controller, paper_scenario
 from swarmchase.benchmarks.soak import of_the_target
+from swarmchase.controllers.belief import Belief
 from swarmchase.errors import InputError
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, Transition
+from swarmchase.live.service.course import FlightCourse
+from swarmchase.live.service.pace import Window
+from swarmchase.live.service.sample_window import Point
+from swarmchase.live.service.second_transmitter import SecondTransmitter
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.scenario import Scenario, load_scenario
 from swarmchase.simulation.fault_plan import fault_plan
@@ -90,6 +95,26 @@ def test_a_target_that_falls_silent_is_followed_lost_looked_for_and_found_again(
     assert result.following_share is not None
     assert 0.2 < followed.share <= 1.0
     assert followed.share == pytest.approx(result.following_share, abs=0.3)
+
+
+class AlwaysTwo(SecondTransmitter):
+    """As if levels of two had been heard, whatever came."""
+
+    def take(self, window: Window, origin_m: Point, belief: Belief | None, is_beside: bool) -> None:
+        super().take(window, origin_m, belief, is_beside)
+        self.is_heard = True
+
+
+def test_a_target_that_is_followed_is_lost_and_followed_again_though_two_are_heard_by_then() -> None:
+    """Which of them it is was said before; nothing else would end a pursuit that has no movements to spend."""
+    flight = Flight("mute=8-14")
+    flight.until(ChaseState.FOLLOWING)
+    course = flight.chase.service._judge
+    assert isinstance(course, FlightCourse)
+    course._second = AlwaysTwo(flight.chase._scenario)
+    for state in (ChaseState.SEARCHING, ChaseState.PURSUING, ChaseState.FOLLOWING):
+        flight.until(state)
+    assert not any(snapshot.hears_two for snapshot in flight.snapshots)
 
 
 def test_a_search_that_goes_on_after_a_pause_says_that_the_target_is_lost() -> None:

@@ -189,5 +189,5 @@ class Snapshot:
     """By the last decision, the way of the centre until the next one, before limits change it: the controller's, or the
     course's in flight."""
     hears_two: bool = False
-    """Whether what is heard in flight does not fit one transmitter: nothing counts as reached but by the operator's
-    word."""
+    """Whether what is heard in flight does not fit one transmitter, and none is followed yet: nothing counts as reached
+    but by the operator's word."""
