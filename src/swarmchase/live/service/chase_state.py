@@ -147,6 +147,8 @@ class FollowedShare:
     share: float
     """Of them, in which it was believed to be no further than ``within_m`` from the centre."""
     within_m: float
+    is_near: bool
+    """Whether it was so at the last decision."""
 
 
 @dataclass(frozen=True)
