@@ -13,6 +13,7 @@ from swarmchase.benchmarks.soak import endless
 from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Events
+from swarmchase.live.link.messages import FARTHEST_M
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.scenario import load_scenario
 from swarmchase.simulation.fault_plan import fault_plan
@@ -57,3 +58,4 @@ def test_nothing_ends_a_flight_within_the_time_and_its_target_stays_inside_the_f
     assert scenario.farthest_start_m is not None
     assert -limits.fence_west_m == limits.fence_east_m == 3600 * scenario.target_speed_mps + scenario.farthest_start_m
     assert site_limits(scenario).fence_east_m == 1800  # two minutes at 5 m/s are less
+    assert site_limits(endless(scenario, 1e6)).fence_east_m == FARTHEST_M  # no place further away can be told
