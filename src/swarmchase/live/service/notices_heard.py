@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from ..link.messages import MOST_PIECES, PIECE_CHARACTERS, Notice
+from ..link.messages import MOST_PIECES, MOST_WAITING_PIECES, NOTICE_PERIOD_S, NOTICE_TIMES, PIECE_CHARACTERS, Notice
 from .chase_state import TrackerLine
 
 KEPT_LINES = 8
-WAITED_S = 5.0
-"""A line of which pieces are missing for so long is shown without them."""
+WAITED_S = NOTICE_TIMES * MOST_WAITING_PIECES * NOTICE_PERIOD_S + 1.0
+"""A line of which pieces are missing for so long is shown without them: nothing of it is under way any more. Of one that
+was shown sooner the rest would be another line.
+"""
 MISSING = "(...)"
 
 
