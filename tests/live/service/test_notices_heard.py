@@ -101,3 +101,20 @@ def test_a_tracker_that_begins_anew_says_other_lines_by_the_same_numbers() -> No
 def test_only_the_newest_lines_are_kept() -> None:
     texts = [f"line {number}" for number in range(15)]
     assert heard(sent(*texts)) == texts[-KEPT_LINES:]
+
+
+def test_lines_that_come_at_once_are_each_new_once_though_each_is_sent_again() -> None:
+    """As an autopilot says when it starts, and as the events are made: what was not there a moment ago is new."""
+    notices, hears, new, before = Notices(2), NoticesHeard(), list[str](), list[str]()
+    texts = [f"line {number}" for number in range(MOST_WAITING_PIECES)]
+    for text in texts:
+        notices.put(Severity.INFO, text)
+    for step in range(round(20 / NOTICE_PERIOD_S)):
+        now_ns = round(step * NOTICE_PERIOD_S * 1e9)
+        if (notice := notices.due(now_ns)) is not None:
+            hears.hear(notice, now_ns)
+        now = [line.text for line in hears.lines(now_ns)]
+        new += [text for text in now if text not in before]
+        before = now
+    assert new == texts
+    assert before == texts[-KEPT_LINES:]
