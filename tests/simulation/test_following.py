@@ -211,6 +211,17 @@ def test_another_transmitter_adds_its_power_to_the_target_s() -> None:
     assert levels_dbm[1] - levels_dbm[0] == pytest.approx(10 * math.log10(2), abs=0.7)
 
 
+def test_another_transmitter_is_heard_while_the_target_is_silent() -> None:
+    silent = {"behaviour": "hover", "target_speed_mps": 0.0, "silence_s": 10.0, "silence_at_s": 0.0}
+    for faults, is_heard in (("", False), ("second=150", True)):
+        flight = Flight(faults, **silent)
+        flight.chase.site.announce(0, (0.0, 0.0, 0.0), 5.0)
+        at_m = torch_places(np.array(flight.radio.target_m) + np.array([75.0, 0.0, 0.0]))
+        swarm = flight.chase.site._swarm()
+        heard = [flight.radio.heard_dbm(one * 50_000_000, at_m, swarm) for one in range(40)]
+        assert (np.isfinite(np.array(heard)) == is_heard).all()
+
+
 def torch_places(place_m: np.ndarray) -> Any:
     import torch
 

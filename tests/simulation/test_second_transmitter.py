@@ -81,7 +81,7 @@ def test_what_does_not_fit_one_transmitter_is_not_called_reached_and_the_reason_
 
 
 def test_the_operator_s_word_is_enough() -> None:
-    """And then it has been said which one it is: where the swarm follows, the word is another one, and ends the chase."""
+    """Then it has been said which one it is: where the swarm follows, the next word ends the chase."""
     flight = Watched(scenario_of(), 2000, 101, "second=150", ServiceSettings(follow=True))
     while not flight.alarms:
         flight.chase.tick()

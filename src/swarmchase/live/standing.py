@@ -79,8 +79,8 @@ class Standing:
 
 
 def _is_to_fly(snapshot: Snapshot) -> bool:
-    """Whether the swarm is led, and not where it is to be: beside a target that it follows it is, though limits may keep
-    it from coming nearer to one on the ground.
+    """Whether the swarm is led, and not where it is to be: it is beside a target that it follows, though limits may
+    keep it from coming nearer to one on the ground.
     """
     stays = snapshot.state is ChaseState.FOLLOWING and snapshot.following is not None and snapshot.following.is_near
     return snapshot.state in LED and not stays

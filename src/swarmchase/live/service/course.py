@@ -46,8 +46,8 @@ class FlightCourse:
 
     @property
     def hears_two(self) -> bool:
-        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then. Of a target that
-        is followed it was said already which one it is.
+        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then. Once a target
+        is followed it has been said which one it is.
         """
         return self._second.is_heard and not self.is_followed
 

@@ -9,8 +9,8 @@ KEPT_LINES = 8
 REMEMBERED_LINES = KEPT_LINES + MOST_WAITING_PIECES
 """What is sent again of a line that is kept no more must not be taken for another one."""
 WAITED_S = NOTICE_TIMES * MOST_WAITING_PIECES * NOTICE_PERIOD_S + 1.0
-"""A line of which pieces are missing for so long is shown without them: nothing of it is under way any more. Of one that
-was shown sooner the rest would be another line.
+"""A line of which pieces are missing for so long is shown without them: nothing of it is under way any more. One that
+was shown sooner would be another line with the rest.
 """
 MISSING = "(...)"
 
