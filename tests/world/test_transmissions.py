@@ -77,7 +77,7 @@ def test_one_silence_begins_and_ends_when_the_scenario_says() -> None:
 
 
 def test_a_silence_that_begins_and_lasts_no_time_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^silence_at_s = 14 is refused: silence_s, .* must be more than 0$"):
+    with pytest.raises(InputError, match=r"^silence_at_s = 14 is refused: silence_s, .* must be greater than 0$"):
         Transmissions(paper_scenario(silence_at_s=14.0))
 
 

@@ -39,7 +39,7 @@ class Transmissions:
         self._frames = self._silences = self._silence_s = None
         if scenario.silence_at_s is not None and scenario.silence_s == 0:
             raise InputError(
-                f"silence_at_s = {scenario.silence_at_s:g} is refused: silence_s, how long that lasts, must be more than 0"
+                f"silence_at_s = {scenario.silence_at_s:g} is refused: silence_s, its length, must be greater than 0"
             )
         if scenario.transmit_duty < 1:
             self._frames = Alternation(scenario.transmit_duty, scenario.frame_s)
