@@ -4,12 +4,14 @@ import dataclasses
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
+from live_bench import Bench
 from swarmchase.benchmarks.live import LiveWork
-from swarmchase.benchmarks.transmitters import SETTINGS, TransmittersResult, fly, report, transmitter_rows
+from swarmchase.benchmarks.transmitters import SETTINGS, Refusal, TransmittersResult, fly, report, transmitter_rows
 from swarmchase.cli import main
 from swarmchase.scenario import load_scenario
 
@@ -31,6 +33,34 @@ def test_where_another_place_is_called_reached_that_counts() -> None:
     ]
     told = report(SCENARIO, "particle", 0, {"one transmitter": results})
     assert transmitter_rows(told) == [["hover", "one transmitter", "1", "2 [5%, 85%]", "1", "2 [5%, 85%]"]]
+
+
+@pytest.mark.parametrize(
+    ("beside_s", "two_s", "refused_s"),
+    [
+        ([(5, 40)], (0, 40), 15),
+        ([(5, 40)], (20, 40), 30),  # only then it told of two
+        ([(5, 9), (11, 14), (16, 40)], (0, 40), 15),  # it passed, and turned round
+        ([(5, 9), (20, 40)], (0, 40), 30),  # it had left
+        ([(5, 9)], (0, 40), None),
+        ([(5, 11), (30, 38)], (0, 40), None),
+        ([(5, 40)], (0, 12), None),
+        ([(5, 40)], (0, 0), None),
+    ],
+)
+def test_a_flight_is_refused_where_two_are_told_of_for_a_while_beside_one(
+    beside_s: list[tuple[int, int]], two_s: tuple[int, int], refused_s: int | None
+) -> None:
+    """Snapshots of a real service, every half second, in which these two say what the case says."""
+    refusal, snapshot, ended_s = Refusal(), Bench().service.snapshot(), list[float]()
+    for second in np.arange(0.0, 40.0, 0.5).tolist():
+        share = 0.9 if any(begin <= second < end for begin, end in beside_s) else 0.0
+        hears_two = two_s[0] <= second < two_s[1]
+        time_ns = snapshot.time_ns + round(second * 1e9)
+        refusal.take(dataclasses.replace(snapshot, time_ns=time_ns, share_within=share, hears_two=hears_two))
+        ended_s += [second] if refusal.is_long else []
+    assert (ended_s[0] if ended_s else None) == refused_s
+    assert refusal.hears_two == (two_s != (0, 0))
 
 
 def test_the_command_flies_both(capsys: pytest.CaptureFixture[str]) -> None:

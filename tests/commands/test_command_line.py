@@ -218,9 +218,11 @@ def test_help_says_which_controller_that_is(name: str, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("--scenario flight", "seconds = 1 is refused: the first 60 are only to warm up"),
+        ("1 --scenario flight", "seconds = 1 is refused: the first 60 are only to warm up"),
+        ("nan --scenario flight", "seconds = nan is refused: it must be a finite number"),
+        ("inf", "seconds = inf is refused: it must be a finite number"),
         (
-            "--scenario flight --controller gradient",
+            "1 --scenario flight --controller gradient",
             "gradient is refused where a target is followed: it has no belief to follow",
         ),
     ],
@@ -229,7 +231,7 @@ def test_an_hour_in_flight_is_refused_for_what_somebody_typed_alone(
     words: str, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
-    assert refused(f"benchmark soak --seconds 1 {words}", capsys) == line
+    assert refused(f"benchmark soak --seconds {words}", capsys) == line
 
 
 @pytest.mark.parametrize("number", STOP_SIGNALS)

@@ -1,5 +1,6 @@
 """Live flights that go on after the capture: followed, lost, found again. The real service, on a made clock."""
 
+import dataclasses
 import math
 from typing import Any
 
@@ -10,12 +11,20 @@ pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swa
 
 from swarmchase import load_controller, paper_scenario
 from swarmchase.benchmarks.soak import of_the_target
+from swarmchase.controllers.belief import Belief
 from swarmchase.errors import InputError
+from swarmchase.live.alarms import Alarms
 from swarmchase.live.service.chase_state import ChaseState, Snapshot, Transition
+from swarmchase.live.service.course import FlightCourse
+from swarmchase.live.service.following import FOLLOWING_M
+from swarmchase.live.service.pace import Window
+from swarmchase.live.service.sample_window import Point
+from swarmchase.live.service.second_transmitter import SecondTransmitter
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.scenario import Scenario, load_scenario
 from swarmchase.simulation.fault_plan import fault_plan
 from swarmchase.simulation.radio_in_flight import RadioInFlight
+from swarmchase.simulation.site import site_limits
 from swarmchase.simulation.virtual_chase import VirtualChase, VirtualResult
 
 FOLLOWS = ServiceSettings(follow=True)
@@ -24,16 +33,19 @@ FOLLOWS = ServiceSettings(follow=True)
 class Flight:
     """A virtual chase of a target that begins near, and what is to be looked at of it."""
 
-    def __init__(self, faults: str, settings: ServiceSettings = FOLLOWS, **changes: Any) -> None:
+    def __init__(
+        self, faults: str, settings: ServiceSettings = FOLLOWS, lowest_tracker_m: float | None = None, **changes: Any
+    ) -> None:
         near = {"behaviour": "waypoints", "start_distance_m": 15.0, "farthest_start_m": 25.0}
         scenario = Scenario.from_dict(load_scenario("flight").to_dict() | near | changes)
         self.transitions: list[Transition] = []
         self.snapshots: list[Snapshot] = []
         self.target_m: list[tuple[float, ...]] = []
         controller, plan = load_controller("particle", scenario), fault_plan(faults)
-        self.chase = VirtualChase(
-            scenario, controller, 0, 3, plan, settings, self._record, self._watch, limits=None, starts=True
-        )
+        limits = site_limits(scenario)
+        if lowest_tracker_m is not None:
+            limits = dataclasses.replace(limits, lowest_altitude_m=lowest_tracker_m)
+        self.chase = VirtualChase(scenario, controller, 0, 3, plan, settings, self._record, self._watch, limits)
 
     def _record(self, entry: Any) -> None:
         if isinstance(entry, Transition):
@@ -92,6 +104,26 @@ def test_a_target_that_falls_silent_is_followed_lost_looked_for_and_found_again(
     assert followed.share == pytest.approx(result.following_share, abs=0.3)
 
 
+class AlwaysTwo(SecondTransmitter):
+    """As if levels of two had been heard, whatever came."""
+
+    def take(self, window: Window, origin_m: Point, belief: Belief | None, is_beside: bool) -> None:
+        super().take(window, origin_m, belief, is_beside)
+        self.is_heard = True
+
+
+def test_a_target_that_is_followed_is_lost_and_followed_again_though_two_are_heard_by_then() -> None:
+    """Which of them it is was said before; nothing else would end a pursuit that has no movements to spend."""
+    flight = Flight("mute=8-14")
+    flight.until(ChaseState.FOLLOWING)
+    course = flight.chase.service._judge
+    assert isinstance(course, FlightCourse)
+    course._second = AlwaysTwo(flight.chase._scenario)
+    for state in (ChaseState.SEARCHING, ChaseState.PURSUING, ChaseState.FOLLOWING):
+        flight.until(state)
+    assert not any(snapshot.hears_two for snapshot in flight.snapshots)
+
+
 def test_a_search_that_goes_on_after_a_pause_says_that_the_target_is_lost() -> None:
     flight = Flight("mute=1-30")
     flight.until(ChaseState.SEARCHING)
@@ -104,17 +136,23 @@ def test_a_search_that_goes_on_after_a_pause_says_that_the_target_is_lost() -> N
 
 
 def test_who_follows_stays_with_a_target_that_lands_and_holds_and_ends_by_the_operator_s_words() -> None:
-    flight = Flight("lands=0-60", lowest_altitude_m=40.0)
+    """The swarm may fly as low as the target stands, so its centre no lower than a spacing above it: it hovers there,
+    and nothing is wrong with that.
+    """
+    flight = Flight("lands=8-60", lowest_altitude_m=46.0, lowest_tracker_m=-4.0)
+    alarms = Alarms(flight.chase.link)
     flight.until(ChaseState.FOLLOWING)
-    service = flight.chase.service
-    while flight.radio.now_s < 16.0:
+    service, begun = flight.chase.service, len(flight.snapshots)
+    while flight.radio.now_s < 28.0:
         flight.chase.tick()
-    # It has sunk to 40 m above the ground, 10 m below the start, and stands there; so does the swarm.
+    # It has sunk to 46 m above the ground, 4 m below the start, and stands there; so does the swarm.
     target_m = np.array(flight.radio.target_m)
-    assert target_m[2] == pytest.approx(-10.0, abs=1e-6)
+    assert target_m[2] == pytest.approx(-4.0, abs=1e-6)
     center_m = np.median(np.array(flight.chase.site.positions_m()), axis=0)
-    assert np.linalg.norm(center_m - target_m) < 3.0
+    assert 2.0 < center_m[2] - target_m[2] < FOLLOWING_M
+    assert np.linalg.norm(center_m[:2] - target_m[:2]) < 3.0
     assert max(math.hypot(*one.velocity_mps) for one in flight.chase.site.vehicles) < 2.0
+    assert [alarm.text for one in flight.snapshots[begun:] for alarm in alarms(one) if alarm.cause == "standing"] == []
     service.hold()
     flight.chase.tick()
     assert service.state is ChaseState.HOLDING
@@ -171,6 +209,17 @@ def test_another_transmitter_adds_its_power_to_the_target_s() -> None:
         heard = [flight.radio.heard_dbm(one * 50_000_000, at_m, swarm) for one in range(400)]
         levels_dbm.append(10 * np.log10(np.mean(10 ** (np.array(heard) / 10))))
     assert levels_dbm[1] - levels_dbm[0] == pytest.approx(10 * math.log10(2), abs=0.7)
+
+
+def test_another_transmitter_is_heard_while_the_target_is_silent() -> None:
+    silent = {"behaviour": "hover", "target_speed_mps": 0.0, "silence_s": 10.0, "silence_at_s": 0.0}
+    for faults, is_heard in (("", False), ("second=150", True)):
+        flight = Flight(faults, **silent)
+        flight.chase.site.announce(0, (0.0, 0.0, 0.0), 5.0)
+        at_m = torch_places(np.array(flight.radio.target_m) + np.array([75.0, 0.0, 0.0]))
+        swarm = flight.chase.site._swarm()
+        heard = [flight.radio.heard_dbm(one * 50_000_000, at_m, swarm) for one in range(40)]
+        assert (np.isfinite(np.array(heard)) == is_heard).all()
 
 
 def torch_places(place_m: np.ndarray) -> Any:

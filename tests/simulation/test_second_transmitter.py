@@ -19,6 +19,7 @@ from swarmchase import load_controller
 from swarmchase.live.address import LOOPBACK
 from swarmchase.live.alarms import Alarm, Alarms
 from swarmchase.live.service.chase_state import ChaseState, Snapshot
+from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.live.tracker.sources import Sample
 from swarmchase.live.tracker.sources.json_datagrams import JsonDatagramSource
 from swarmchase.live.tracker.sources.kind import SourceDetails
@@ -36,11 +37,13 @@ def scenario_of(**changes: Any) -> Scenario:
 class Watched:
     """A flight, with what its alarms have said."""
 
-    def __init__(self, scenario: Scenario, seed: int, chase: int, faults: str = "") -> None:
+    def __init__(
+        self, scenario: Scenario, seed: int, chase: int, faults: str = "", settings: ServiceSettings | None = None
+    ) -> None:
         self.alarms: list[tuple[Snapshot, Alarm]] = []
         self.heard_dbm: list[np.ndarray] = []
         controller = load_controller("particle", scenario)
-        self.chase = VirtualChase(scenario, controller, seed, chase, fault_plan(faults), watch=self._watch)
+        self.chase = VirtualChase(scenario, controller, seed, chase, fault_plan(faults), settings, watch=self._watch)
         self._alarms = Alarms(self.chase.link)
 
     def _watch(self, snapshot: Snapshot) -> None:
@@ -78,16 +81,18 @@ def test_what_does_not_fit_one_transmitter_is_not_called_reached_and_the_reason_
 
 
 def test_the_operator_s_word_is_enough() -> None:
-    flight = Watched(scenario_of(), 2000, 101, "second=150")
+    """Then it has been said which one it is: where the swarm follows, the next word ends the chase."""
+    flight = Watched(scenario_of(), 2000, 101, "second=150", ServiceSettings(follow=True))
     while not flight.alarms:
         flight.chase.tick()
-    flight.chase.service.declare_reached()
-    assert flight.chase.service.state is ChaseState.REACHED
-    flight.chase.tick()
-    count = len(flight.alarms)
-    flight.chase.tick()
-    flight.chase.tick()
-    assert len(flight.alarms) == count
+    for after in (ChaseState.FOLLOWING, ChaseState.REACHED):
+        flight.chase.service.declare_reached()
+        flight.chase.tick()
+        count = len(flight.alarms)
+        for _ in range(60):
+            flight.chase.tick()
+        assert flight.chase.service.state is after
+        assert len(flight.alarms) == count
 
 
 TARGET, OTHER = "02:00:00:00:00:07", "02:00:00:00:00:08"

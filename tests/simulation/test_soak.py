@@ -2,17 +2,21 @@
 
 import dataclasses
 import gc
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("pymavlink", reason="the live system needs: pip install 'swarmchase[live]'")
 
 from swarmchase import load_controller, paper_scenario
-from swarmchase.benchmarks.soak import endless
+from swarmchase.benchmarks.soak import END_S, _watch, endless
+from swarmchase.errors import WorkerDiedError
 from swarmchase.live.alarms import Alarms
 from swarmchase.live.chronicle import Chronicle
 from swarmchase.live.events import Events
+from swarmchase.live.link.messages import FARTHEST_M
 from swarmchase.live.service.settings import ServiceSettings
 from swarmchase.scenario import load_scenario
 from swarmchase.simulation.fault_plan import fault_plan
@@ -51,9 +55,24 @@ def test_what_a_chase_holds_does_not_grow() -> None:
 def test_nothing_ends_a_flight_within_the_time_and_its_target_stays_inside_the_fence() -> None:
     scenario = dataclasses.replace(load_scenario("flight"), follow_s=30.0)
     flies = endless(scenario, 3600.0)
-    assert flies.max_movements * flies.decision_s == 3600
+    # It is still flying while it is told to end.
+    assert flies.max_movements * flies.decision_s == 3600 + END_S
     assert flies.follow_s == 0
     limits = site_limits(flies)
     assert scenario.farthest_start_m is not None
-    assert -limits.fence_west_m == limits.fence_east_m == 3600 * scenario.target_speed_mps + scenario.farthest_start_m
+    assert -limits.fence_west_m == limits.fence_east_m == 3660 * scenario.target_speed_mps + scenario.farthest_start_m
     assert site_limits(scenario).fence_east_m == 1800  # two minutes at 5 m/s are less
+    assert site_limits(endless(scenario, 1e6)).fence_east_m == FARTHEST_M  # no place further away can be told
+
+
+def test_a_chase_that_dies_at_the_very_end_is_told_of_with_what_it_said(tmp_path: Path) -> None:
+    """Between the last look and the end: else its memory would be nothing, and its result no JSON."""
+    (tmp_path / "told.txt").write_text("it goes on\nout of memory\n")
+    with subprocess.Popen(["sleep", "60"]) as process:
+
+        def dies(_passed_s: int) -> None:
+            process.kill()
+            process.wait()
+
+        with pytest.raises(WorkerDiedError, match=r"^the live chase ended by itself after 0 s: out of memory$"):
+            _watch(process, 0.2, dies, tmp_path)

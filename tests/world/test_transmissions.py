@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from swarmchase.batch.streams import ChaseStreams, chase_keys
+from swarmchase.errors import InputError
 from swarmchase.scenario import Scenario, paper_scenario
 from swarmchase.world.alternation import Alternation
 from swarmchase.world.transmissions import Transmissions
@@ -73,6 +74,11 @@ def test_one_silence_begins_and_ends_when_the_scenario_says() -> None:
     assert torch.equal(
         transmits(paper_scenario(transmit_duty=0.4, silence_s=20.0, silence_at_s=14.0), time_s), frames & on
     )
+
+
+def test_a_silence_that_begins_and_lasts_no_time_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^silence_at_s = 14 is refused: silence_s, .* must be greater than 0$"):
+        Transmissions(paper_scenario(silence_at_s=14.0))
 
 
 def test_frames_and_silences_are_independent() -> None:

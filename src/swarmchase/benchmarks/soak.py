@@ -37,6 +37,7 @@ WARM_UP_S = 60.0
 MEMORY_PERIOD_S = 60.0
 LOOK_S = 5.0
 END_S = 60.0
+"""So long a chase that is told to end may take for it."""
 MOST_MOVEMENTS = 1_000_000
 """Of a swarm that stops to listen: more than anybody waits for."""
 
@@ -44,12 +45,13 @@ MOST_MOVEMENTS = 1_000_000
 def measure(scenario: Scenario, controller: str, seconds: float, faults: str, waited: Waited) -> dict[str, Any]:
     """Let a live chase run for so long.
 
+    Args:
+        seconds: As ``require_seconds`` admits.
+
     Raises:
-        InputError: too short, or no /proc to read memory from.
+        InputError: there is no /proc to read memory from.
         WorkerDiedError: it ended by itself.
     """
-    if seconds <= WARM_UP_S:
-        raise InputError(f"seconds = {seconds:g} is refused: the first {WARM_UP_S:g} are only to warm up")
     if not Path("/proc/self/smaps_rollup").exists():
         raise InputError("there is no /proc here to read the memory of processes from")
     flies = scenario.pace == "listen_in_flight"
@@ -70,6 +72,8 @@ def measure(scenario: Scenario, controller: str, seconds: float, faults: str, wa
             memory_mb = _watch(process, seconds, waited, folder)
             process.send_signal(signal.SIGTERM)  # SIGINT is ignored in a script's background job
             output, _ = process.communicate(timeout=END_S)
+            if not output:
+                raise _death(seconds, folder)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
@@ -95,13 +99,26 @@ def measure(scenario: Scenario, controller: str, seconds: float, faults: str, wa
     }
 
 
+def require_seconds(seconds: float) -> None:
+    """Refuse what is no time to measure for.
+
+    Raises:
+        InputError: it is no finite number, or too short.
+    """
+    if not math.isfinite(seconds):
+        raise InputError(f"seconds = {seconds:g} is refused: it must be a finite number")
+    if seconds <= WARM_UP_S:
+        raise InputError(f"seconds = {seconds:g} is refused: the first {WARM_UP_S:g} are only to warm up")
+
+
 def endless(scenario: Scenario, seconds: float) -> Scenario:
-    """The same with a chase that nothing ends within this time. Its movements in flight are those of the time, by
-    which a simulated site's fence is as wide as its target gets.
+    """The same with a chase that nothing ends within this time, and until it was told to end. Its movements in flight
+    are those of the time, by which a simulated site's fence is as wide as its target gets.
     """
     if scenario.pace == "stop_and_listen":
         return dataclasses.replace(scenario, max_movements=MOST_MOVEMENTS)
-    return dataclasses.replace(scenario, max_movements=math.ceil(seconds / scenario.decision_s), follow_s=0.0)
+    movements = math.ceil((seconds + END_S) / scenario.decision_s)
+    return dataclasses.replace(scenario, max_movements=movements, follow_s=0.0)
 
 
 def of_the_target(transitions: Iterable[Transition]) -> dict[str, Any]:
@@ -160,17 +177,24 @@ def _watch(process: "subprocess.Popen[bytes]", seconds: float, waited: Waited, f
     began_s = time.monotonic()
     course: dict[str, list[float]] = {}
     next_s = WARM_UP_S
-    while (passed_s := time.monotonic() - began_s) < seconds:
+    while True:
+        passed_s = time.monotonic() - began_s
         if process.poll() is not None:
-            last = (folder / "told.txt").read_text(errors="replace").strip().splitlines()[-1:]
-            raise WorkerDiedError(f"the live chase ended by itself after {passed_s:.0f} s: {' '.join(last)}")
+            raise _death(passed_s, folder)
+        if passed_s >= seconds:
+            _note(course, process.pid)
+            return course
         if passed_s >= next_s:
             next_s += MEMORY_PERIOD_S
             _note(course, process.pid)
         waited(int(passed_s))
-        time.sleep(LOOK_S)
-    _note(course, process.pid)
-    return course
+        time.sleep(min(LOOK_S, seconds - passed_s))
+
+
+def _death(after_s: float, folder: Path) -> WorkerDiedError:
+    """Of a chase that has ended by itself, with the last that it said."""
+    last = (folder / "told.txt").read_text(errors="replace").strip().splitlines()[-1:]
+    return WorkerDiedError(f"the live chase ended by itself after {after_s:.0f} s: {' '.join(last)}")
 
 
 def _note(course: dict[str, list[float]], service: int) -> None:

@@ -2,6 +2,7 @@
 without: how often the service calls the wrong one reached, and how often it takes one for two.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 REFUSED_S = 10.0
 """So long a swarm may be where the target could be and the service not say so, because it hears two: then the flight is
 ended."""
+LEFT_S = 3.0
+"""Who has not been there for so long has left: a swarm turns round more quickly where it has passed a target."""
 SETTINGS: dict[str, str] = {"one transmitter": "", "another one 150 m away": "second=150"}
 """In the words of ``fault_plan``."""
 
@@ -107,27 +110,41 @@ def transmitter_rows(result: dict[str, Any]) -> list[list[str]]:
 
 def fly(work: LiveWork, faults: str) -> TransmittersResult:
     """One flight with these faults."""
-    hears_two, is_refused = False, False
-    beside_since_ns: int | None = None
-
-    def watch(snapshot: Snapshot) -> None:
-        nonlocal hears_two, beside_since_ns
-        hears_two |= snapshot.hears_two
-        if not snapshot.hears_two:
-            beside_since_ns = None
-        elif beside_since_ns is None and (snapshot.share_within or 0.0) >= LEAST_SHARE:
-            beside_since_ns = snapshot.time_ns
+    refusal = Refusal()
 
     def end_refused() -> None:
-        nonlocal is_refused
-        if beside_since_ns is not None and chase.clock.now_ns() - beside_since_ns >= REFUSED_S * 1e9:
-            is_refused = True
+        if refusal.is_long:
             chase.service.abort()
 
     controller = load_controller(work.controller, work.scenario)
-    chase = VirtualChase(work.scenario, controller, work.seed, work.chase, fault_plan(faults), watch=watch)
+    chase = VirtualChase(work.scenario, controller, work.seed, work.chase, fault_plan(faults), watch=refusal.take)
     result = chase.run(end_refused)
-    return TransmittersResult(result, hears_two, is_refused)
+    return TransmittersResult(result, refusal.hears_two, refusal.is_long)
+
+
+class Refusal:
+    """Told every snapshot of a flight, it says whether the service has refused to say that the target is reached."""
+
+    def __init__(self) -> None:
+        self.hears_two = False
+        """Whether it has ever told of two."""
+        self.is_long = False
+        """Whether, for ``REFUSED_S``, it has told of two while the swarm was where the target could be."""
+        self._beside_since_ns: int | None = None
+        self._beside_ns = -math.inf
+        """When the swarm was there last."""
+
+    def take(self, snapshot: Snapshot) -> None:
+        """The service as it is now."""
+        self.hears_two |= snapshot.hears_two
+        if (snapshot.share_within or 0.0) >= LEAST_SHARE:
+            self._beside_ns = snapshot.time_ns
+        if not snapshot.hears_two or snapshot.time_ns - self._beside_ns >= LEFT_S * 1e9:
+            self._beside_since_ns = None
+        elif self._beside_since_ns is None:
+            self._beside_since_ns = snapshot.time_ns
+        elif snapshot.time_ns - self._beside_since_ns >= REFUSED_S * 1e9:
+            self.is_long = True
 
 
 def _in_both_settings(work: LiveWork) -> dict[str, TransmittersResult]:

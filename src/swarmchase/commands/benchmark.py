@@ -228,6 +228,7 @@ class BenchmarkSoakCommand(_LiveOptions):
         flies = scenario.pace == "listen_in_flight"
         controller = self.controller_in(scenario)
         require_judged(scenario, load_controller(controller, scenario), ServiceSettings(follow=flies))
+        soak.require_seconds(self.seconds)
         with progress_bar("soak", int(self.seconds), "") as show:
             result = soak.measure(
                 scenario, controller, self.seconds, self.faults, lambda passed_s: show(passed_s, "", "")

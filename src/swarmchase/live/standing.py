@@ -6,7 +6,7 @@ import numpy as np
 
 from ..scenario import NUM_TRACKERS
 from .link.messages import Metres
-from .service.chase_state import LED, Snapshot, TrackerSnapshot
+from .service.chase_state import LED, ChaseState, Snapshot, TrackerSnapshot
 from .service.sample_window import Point
 
 STANDS_S = 10.0
@@ -64,7 +64,7 @@ class Standing:
             self.tracker_s[number] = _long(still.seconds(snapshot.time_ns))
 
     def _take_center(self, snapshot: Snapshot) -> None:
-        if not self._center.take(snapshot.center_m if snapshot.state in LED else None, snapshot.time_ns):
+        if not self._center.take(snapshot.center_m if _is_to_fly(snapshot) else None, snapshot.time_ns):
             self._asked_m, self._newest_m = np.zeros(3), np.zeros(3)
         if snapshot.movements != self._movements:
             # The newest has yet to be flown.
@@ -76,6 +76,14 @@ class Standing:
         elif self._asked_ns is None:
             self._asked_ns = snapshot.time_ns
         self.swarm_s = None if self._asked_ns is None else _long((snapshot.time_ns - self._asked_ns) / 1e9)
+
+
+def _is_to_fly(snapshot: Snapshot) -> bool:
+    """Whether the swarm is led, and not where it is to be: it is beside a target that it follows, though limits may
+    keep it from coming nearer to one on the ground.
+    """
+    stays = snapshot.state is ChaseState.FOLLOWING and snapshot.following is not None and snapshot.following.is_near
+    return snapshot.state in LED and not stays
 
 
 def _is_led(snapshot: Snapshot, tracker: TrackerSnapshot) -> bool:

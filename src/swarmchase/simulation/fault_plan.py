@@ -116,7 +116,7 @@ class FaultPlan:
     target: tuple[TargetSpell, ...] = ()
     second_m: float | None = None
     """So far east of the target's start another transmitter stands, as strong and at the same frequency: receivers
-    hear both at once. None: there is none."""
+    hear both at once. Where the target is mute, or its only silence has come, this one goes on. None: there is none."""
 
     def of_target(self, chase_s: float) -> frozenset[TargetFault]:
         """What the target does at this moment."""

@@ -81,11 +81,12 @@ class RadioInFlight:
         """The chase's own time began one period before its first sample."""
         self._waited_ns: int | None = None
         """When the first sample before the chase was taken."""
-        # A silence that is told by the chase's own time is none before it.
-        self._waiting_radio = self._radio if scenario.silence_at_s is None else Radio(replace(scenario, silence_s=0.0))
-        self._waiting = self._waiting_radio.begin([(seed, chase)])
+        # A silence that is told by the chase's own time is none before it, and none of another transmitter.
+        always = replace(scenario, silence_s=0.0, silence_at_s=None)
+        self._timeless_radio = self._radio if scenario.silence_at_s is None else Radio(always)
+        self._waiting = self._timeless_radio.begin([(seed, chase)])
         self._second_m: Tensor | None = None
-        self._second = self._radio.begin([(seed, chase + SECOND_CHASE)])
+        self._second = self._timeless_radio.begin([(seed, chase + SECOND_CHASE)])
         if second_m is not None:
             self._second_m = self._before.position_m + torch.tensor([[second_m, 0.0, 0.0]], dtype=torch.float64)
         lowest_m = 0.0 if scenario.lowest_altitude_m is None else scenario.lowest_altitude_m
@@ -159,7 +160,7 @@ class RadioInFlight:
         if self._since_ns is None or time_ns < self._since_ns:
             self._waited_ns = time_ns if self._waited_ns is None else self._waited_ns
             since_s = (time_ns - self._waited_ns) / 1e9
-            self._waiting, levels_dbm = _heard(self._waiting_radio, self._waiting, since_s, self._target_m, position_m)
+            self._waiting, levels_dbm = _heard(self._timeless_radio, self._waiting, since_s, self._target_m, position_m)
         else:
             self._began_ns = time_ns - self._period_ns if self._began_ns is None else self._began_ns
             self._fly(time_ns - self._began_ns, self._swarm or swarm, TargetFault.LANDS in faults)
@@ -171,7 +172,8 @@ class RadioInFlight:
             levels_dbm = [math.nan] * len(levels_dbm)
         if self._second_m is None:
             return levels_dbm
-        self._second, second_dbm = _heard(self._radio, self._second, time_ns / 1e9, self._second_m, position_m)
+        second_s = time_ns / 1e9
+        self._second, second_dbm = _heard(self._timeless_radio, self._second, second_s, self._second_m, position_m)
         return [_sum_dbm(*both) for both in zip(levels_dbm, second_dbm, strict=True)]
 
     def _fly(self, after_ns: int, swarm: Swarm, lands: bool) -> None:

@@ -9,7 +9,7 @@ import torch
 
 from ..errors import InputError
 from ..formation import TRACKER_DIRECTION, turned_direction
-from ..live.link.messages import Metres
+from ..live.link.messages import FARTHEST_M, Metres
 from ..live.service.safety import SafetyLimits
 from ..live.tracker.agent import AgentSettings
 from ..live.tracker.sources import Sample
@@ -206,11 +206,13 @@ def require_played(scenario: Scenario, plan: FaultPlan) -> None:
 
 
 def site_limits(scenario: Scenario) -> SafetyLimits:
-    """With which a simulated site is flown: in flight there is room for wherever its targets get."""
+    """With which a simulated site is flown: in flight there is room for wherever its targets get, as far as any place
+    can be told.
+    """
     if scenario.pace == "stop_and_listen":
         return SafetyLimits()
     roams_m = scenario.target_speed_mps * scenario.max_movements * scenario.decision_s
-    room_m = max(TARGETS_ROAM_M, roams_m) + (scenario.farthest_start_m or scenario.start_distance_m)
+    room_m = min(max(TARGETS_ROAM_M, roams_m) + (scenario.farthest_start_m or scenario.start_distance_m), FARTHEST_M)
     return SafetyLimits(
         -room_m, room_m, -room_m, room_m, -scenario.start_altitude_m, room_m, scenario.tracker_speed_mps
     )

@@ -10,6 +10,7 @@ import torch
 
 from ..batch.array_types import Bool, Float, Tensor
 from ..batch.streams import ChaseStreams
+from ..errors import InputError
 from ..scenario import Scenario
 from .alternation import Alternation, AlternationState
 
@@ -27,11 +28,19 @@ class TransmissionState:
 
 
 class Transmissions:
-    """The transmissions of one scenario's target."""
+    """The transmissions of one scenario's target.
+
+    Raises:
+        InputError: its only silence begins, and lasts no time.
+    """
 
     def __init__(self, scenario: Scenario, device: torch.device | str = "cpu") -> None:
         self._device = torch.device(device)
         self._frames = self._silences = self._silence_s = None
+        if scenario.silence_at_s is not None and scenario.silence_s == 0:
+            raise InputError(
+                f"silence_at_s = {scenario.silence_at_s:g} is refused: silence_s, its length, must be greater than 0"
+            )
         if scenario.transmit_duty < 1:
             self._frames = Alternation(scenario.transmit_duty, scenario.frame_s)
         if scenario.silence_s > 0 and scenario.silence_at_s is not None:

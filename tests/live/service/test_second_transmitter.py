@@ -10,8 +10,10 @@ import pytest
 import torch
 
 from swarmchase.controllers.belief import GAUSSIAN_REACH, Belief
+from swarmchase.live.service import second_transmitter
 from swarmchase.live.service.pace import Window
 from swarmchase.live.service.safety import formation_m
+from swarmchase.live.service.sample_window import Levels
 from swarmchase.live.service.second_transmitter import CERTAIN, SecondTransmitter
 from swarmchase.scenario import Scenario, load_scenario
 from swarmchase.world.radio import Radio
@@ -122,6 +124,22 @@ def test_a_receiver_below_whose_floor_fades_are_missing_does_not_make_two_of_one
 def test_a_receiver_that_repeats_its_level_says_nothing_of_fading(stuck: int) -> None:
     assert judged(FLIGHT, None, stuck=stuck).evidence <= 0.0
     assert judged(FLIGHT, BESIDE, stuck=stuck).evidence > 0.0
+
+
+@pytest.mark.parametrize(("sampling_hz", "counted"), [(20.0, 10), (30.0, 8), (38.0, 10), (42.0, 7)])
+def test_no_more_samples_of_an_interval_count_than_are_independent(
+    sampling_hz: float, counted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers: set[int] = set()
+
+    def noted(rssi_dbm: Levels, *others: Any) -> Any:
+        numbers.add(len(rssi_dbm))
+        return log_likelihood(rssi_dbm, *others)
+
+    log_likelihood = second_transmitter._log_likelihood
+    monkeypatch.setattr(second_transmitter, "_log_likelihood", noted)
+    assert judged(changed(FLIGHT, sampling_hz=sampling_hz), BESIDE).is_heard
+    assert numbers == {counted}
 
 
 def test_a_swarm_that_stands_learns_nothing() -> None:

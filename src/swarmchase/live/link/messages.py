@@ -26,6 +26,14 @@ PIECE_CHARACTERS = 50
 MOST_PIECES = 8
 """Of a text."""
 MOST_NOTICES = 65_535
+NOTICE_TIMES = 3
+"""Each piece is sent so often: datagrams get lost."""
+NOTICE_PERIOD_S = 0.25
+"""From one piece to the next, and between the repetitions of all."""
+MOST_WAITING_PIECES = 20
+"""Of a tracker: a line that comes on top of so many is dropped. An autopilot that does not stop talking must not fill
+the link.
+"""
 SLOWEST_SAMPLING_HZ, FASTEST_SAMPLING_HZ = 0.1, 10_000.0
 
 Metres = tuple[float, float, float]

@@ -147,6 +147,8 @@ class FollowedShare:
     share: float
     """Of them, in which it was believed to be no further than ``within_m`` from the centre."""
     within_m: float
+    is_near: bool
+    """Whether it was so at the last decision."""
 
 
 @dataclass(frozen=True)
@@ -189,5 +191,5 @@ class Snapshot:
     """By the last decision, the way of the centre until the next one, before limits change it: the controller's, or the
     course's in flight."""
     hears_two: bool = False
-    """Whether what is heard in flight does not fit one transmitter: nothing counts as reached but by the operator's
-    word."""
+    """Whether what is heard in flight does not fit one transmitter, and none is followed yet: nothing counts as reached
+    but by the operator's word."""

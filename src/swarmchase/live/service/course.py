@@ -46,8 +46,10 @@ class FlightCourse:
 
     @property
     def hears_two(self) -> bool:
-        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then."""
-        return self._second.is_heard
+        """Whether what is heard does not fit one transmitter: nothing counts as reached by itself then. Once a target
+        is followed it has been said which one it is.
+        """
+        return self._second.is_heard and not self.is_followed
 
     def forget(self) -> None:
         """The swarm has paused, or it was not reached after all: judge by windows to come alone."""

@@ -27,6 +27,7 @@ class Following:
         self._decision_s, self._speed_mps = scenario.decision_s, scenario.tracker_speed_mps
         self._braking_mps2 = BRAKING_SHARE * (scenario.tracker_acceleration_mps2 or math.inf)
         self._decisions = self._near = 0
+        self._is_near = False
 
     @property
     def seconds(self) -> float:
@@ -38,12 +39,13 @@ class Following:
         """What there is to be told of it; None before the first decision."""
         if not self._decisions:
             return None
-        return FollowedShare(self.seconds, self._near / self._decisions, FOLLOWING_M)
+        return FollowedShare(self.seconds, self._near / self._decisions, FOLLOWING_M, self._is_near)
 
     def count(self, distance_m: float) -> None:
         """At a decision the target is believed to be so far from the centre."""
         self._decisions += 1
-        self._near += distance_m <= FOLLOWING_M
+        self._is_near = distance_m <= FOLLOWING_M
+        self._near += self._is_near
 
     def displacement_m(self, target_m: Point, target_mps: Point, center_m: Point) -> Point:
         """Of the centre, which is here now, in one interval.

@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, field
 
-from ..link.messages import MOST_PIECES, PIECE_CHARACTERS, Notice
+from ..link.messages import MOST_PIECES, MOST_WAITING_PIECES, NOTICE_PERIOD_S, NOTICE_TIMES, PIECE_CHARACTERS, Notice
 from .chase_state import TrackerLine
 
 KEPT_LINES = 8
-WAITED_S = 5.0
-"""A line of which pieces are missing for so long is shown without them."""
+REMEMBERED_LINES = KEPT_LINES + MOST_WAITING_PIECES
+"""What is sent again of a line that is kept no more must not be taken for another one."""
+WAITED_S = NOTICE_TIMES * MOST_WAITING_PIECES * NOTICE_PERIOD_S + 1.0
+"""A line of which pieces are missing for so long is shown without them: nothing of it is under way any more. One that
+was shown sooner would be another line with the rest.
+"""
 MISSING = "(...)"
 
 
@@ -46,11 +50,11 @@ class NoticesHeard:
             del self._pieces[notice.number]
         pieces = self._pieces.setdefault(notice.number, _Pieces(now_ns))
         pieces.by_place[notice.piece] = notice
-        while len(self._pieces) > KEPT_LINES:
+        while len(self._pieces) > REMEMBERED_LINES:
             del self._pieces[next(iter(self._pieces))]
 
     def lines(self, now_ns: int) -> tuple[TrackerLine, ...]:
         """Those that are all there, or were waited for, oldest first."""
-        return tuple(
-            one.line() for one in self._pieces.values() if one.is_complete or now_ns - one.first_ns >= WAITED_S * 1e9
-        )
+        waited_ns = round(WAITED_S * 1e9)
+        told = [one for one in self._pieces.values() if one.is_complete or now_ns - one.first_ns >= waited_ns]
+        return tuple(one.line() for one in told[-KEPT_LINES:])

@@ -88,7 +88,7 @@ class SecondTransmitter:
             is_beside: The swarm has come to a transmitter.
         """
         if belief is not None and self._fades(window, origin_m, belief):
-            every = slice(None, None, max(1, len(window.rssi_dbm) // MOST_SAMPLES))
+            every = slice(None, None, math.ceil(len(window.rssi_dbm) / MOST_SAMPLES))
             lost_np = self._lost_np(window, origin_m, belief)[every]
             self._log_likelihood *= 1 - 1 / REMEMBERED
             self._log_likelihood += _log_likelihood(window.rssi_dbm[every], lost_np, self._least_dbm)
@@ -154,7 +154,8 @@ def _log_likelihood(rssi_dbm: Levels, lost_np: Levels, least_dbm: float) -> NDAr
     level = np.clip(np.rint((over_np - LEAST_NP) / STEP_NP).astype(np.int64), 0, len(table) - 2)
     level = np.where((heard & counts)[..., None], level, len(table) - 1)
     by_weaker = logsumexp(table.take(level, axis=0).sum(axis=0), axis=1).reshape(-1, len(WEAKER), len(RICIAN_K))
-    # The other one's share of the mean; where it were more than half of it the other way round.
+    # The other one's share of the mean. One that would be stronger than all of the rest counts as just as strong: to be
+    # the weaker one it is no more than half.
     share = np.minimum(np.exp(OTHER_DBM * NEPERS_PER_DB - mean_np[:, None]), 0.5)
     place = np.interp(np.log(share / (1 - share)), _COUNTED_NP, np.arange(len(WEAKER)))
     before = np.minimum(place.astype(np.int64), len(WEAKER) - 2)

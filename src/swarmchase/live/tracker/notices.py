@@ -5,16 +5,17 @@ repeated.
 from collections import deque
 from dataclasses import dataclass
 
-from ..link.messages import MOST_NOTICES, MOST_PIECES, PIECE_CHARACTERS, Notice, Severity, printable
-
-TIMES = 3
-"""Each piece is sent so often: datagrams get lost."""
-PERIOD_S = 0.25
-"""From one piece to the next, and between the repetitions of all."""
-MOST_WAITING = 20
-"""Pieces: a line that comes on top of so many is dropped. An autopilot that does not stop talking must not fill the
-link.
-"""
+from ..link.messages import (
+    MOST_NOTICES,
+    MOST_PIECES,
+    MOST_WAITING_PIECES,
+    NOTICE_PERIOD_S,
+    NOTICE_TIMES,
+    PIECE_CHARACTERS,
+    Notice,
+    Severity,
+    printable,
+)
 
 
 @dataclass
@@ -37,18 +38,18 @@ class Notices:
     def put(self, severity: Severity, text: str) -> None:
         """Have a text sent, in as many pieces as it needs; what is longer than they may be is cut."""
         pieces = _pieces(printable(text))
-        if len(self._waiting) + len(pieces) > MOST_WAITING:
+        if len(self._waiting) + len(pieces) > MOST_WAITING_PIECES:
             self.dropped += 1
             return
         self._number = self._number % MOST_NOTICES + 1
         for place, piece in enumerate(pieces):
-            self._waiting.append(_Waiting(Notice(self._tracker, self._number, severity, piece, place), TIMES))
+            self._waiting.append(_Waiting(Notice(self._tracker, self._number, severity, piece, place), NOTICE_TIMES))
 
     def due(self, now_ns: int) -> Notice | None:
         """The piece to be sent now; None where there is none, or one was sent a moment ago."""
         if not self._waiting or now_ns < self._due_ns:
             return None
-        self._due_ns = now_ns + round(PERIOD_S * 1e9)
+        self._due_ns = now_ns + round(NOTICE_PERIOD_S * 1e9)
         one = self._waiting.popleft()
         one.left -= 1
         if one.left:
