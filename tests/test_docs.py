@@ -245,7 +245,7 @@ COMPARISONS = {
         300,
         ("mean movements", "90th percentile of movements", "difference of the mean from recurrent"),
     ),
-    "robustness": (500, ("mean movements", "reached", "difference of the mean from robust")),
+    "robustness": (300, ("mean movements", "reached", "difference of the mean from adaptive")),
 }
 
 

@@ -4,6 +4,7 @@ Nothing here simulates. Every figure is written as PNG and as PDF.
 """
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ from .style import CONTROLLER_STYLES, PAGE_WIDTH_INCHES, STYLE, save_figure
 STATED_COLOR = "#7A7A7A"
 MOST_PANELS = 12
 PANELS_A_ROW = 4
+LONGEST_NAME = 46
+"""Characters of a world's name on one line."""
 APART = 1.012
 """Between the marks of two controllers at one F: none hides another."""
 
@@ -233,7 +236,7 @@ def world_figure(rows: Sequence[Row]) -> Figure:
         axes.set(xlabel="mean movements", title=f"told F = {setting[0]:g} Hz, ρ = {setting[1]:g}")
     for axes in panels.flat[len(settings) :]:
         axes.set_visible(False)
-    panels[0, 0].set_yticks(range(len(worlds)), worlds)
+    panels[0, 0].set_yticks(range(len(worlds)), [textwrap.fill(world, LONGEST_NAME) for world in worlds])
     panels[0, 0].set_ylim(len(worlds) - 0.5, -0.5)
     _legend_below(figure, list(panels.flat[: len(settings)]), BARS)
     return figure
