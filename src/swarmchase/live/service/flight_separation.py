@@ -35,8 +35,8 @@ STOPS_AFTER_S = (0.0, 0.4, 1.0, 2.0)
 """Since each was last seen: when it may begin to brake, besides never."""
 GAIN_HZ = 2.0
 """Nearer to its set-point than it flies in 1 / this a vehicle slows down evenly."""
-PLACES_AGE_S = 5.0
-"""A place that is older counts as so old: then whoever flies has long come to rest."""
+PLACES_AGE_S = 2.0
+"""A place that is older counts as so old: following a vehicle for longer costs time, and it may be anywhere."""
 
 SURE_S, STRAYS_MPS = 1.0, 0.5
 """A place that is older than this may be wrong by so much more in every second: what its tracker has heard in the
@@ -44,7 +44,7 @@ meantime, and when, is less and less known."""
 
 LONGEST_VALID_S = 2.0
 """No set-point is valid for longer."""
-NUM_UNHEARD = 4
+NUM_UNHEARD = 3
 """So many of the set-points that may be the last that a vehicle has heard stand for all of them."""
 KEPT_S = 3.0
 """What was sent longer ago nobody obeys any more: then trackers miss the controller (``AgentSettings``) and brake."""
