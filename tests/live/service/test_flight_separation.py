@@ -20,7 +20,6 @@ from swarmchase.live.service.flight_separation import (
     blocked,
     least_apart_m,
     longest_free,
-    needed_m,
 )
 from swarmchase.live.service.separation import STRAYING_M, Traffic
 from swarmchase.live.tracker.vehicles.simulated import SimulatedVehicle, VehicleLimits
@@ -163,14 +162,6 @@ def test_what_was_sent_before_a_tracker_was_given_up_counts_on() -> None:
     nobody = Told()
     sent(nobody, 0.0, (math.nan, math.nan, math.nan), None)
     assert np.isnan(nobody.older(0, [None] * 6).rest_m).all()
-
-
-def test_who_has_not_been_seen_for_long_is_kept_farther_from() -> None:
-    seen = Seen(Traffic(NOWHERE, NOWHERE, NOWHERE, NOWHERE), np.array([0.0, 1.0, 1.5, 3.0, math.inf, math.nan]))
-    apart_m = np.full((6, 6), np.nan)
-    apart_m[np.triu_indices(6, 1)] = needed_m(seen, 1.0)
-    assert apart_m[0, 1:].tolist() == [1.0, 1.25, 1.5, 1.5, 1.5]
-    assert apart_m[2, 3] == 1.75
 
 
 def test_what_nobody_obeys_any_more_is_forgotten() -> None:

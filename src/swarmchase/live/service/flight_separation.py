@@ -38,10 +38,6 @@ GAIN_HZ = 2.0
 PLACES_AGE_S = 2.0
 """A place that is older counts as so old: following a vehicle for longer costs time, and it may be anywhere."""
 
-SURE_S, STRAYS_MPS = 1.0, 0.5
-"""A place that is older than this may be wrong by so much more in every second: what its tracker has heard in the
-meantime, and when, is less and less known."""
-
 LONGEST_VALID_S = 2.0
 """No set-point is valid for longer."""
 NUM_UNHEARD = 3
@@ -190,13 +186,6 @@ class Seen:
     """Of what each said [tracker]."""
 
 
-def needed_m(seen: Seen, separation_m: float) -> Levels:
-    """How far each two have to be apart by what is known of them [pair], to be so far apart in truth."""
-    age_s = np.clip(np.nan_to_num(seen.age_s, nan=PLACES_AGE_S, posinf=PLACES_AGE_S), 0.0, PLACES_AGE_S)
-    strays_m = STRAYS_MPS * np.maximum(age_s - SURE_S, 0.0)
-    return np.asarray(separation_m + strays_m[_ONE] + strays_m[_OTHER])
-
-
 def least_apart_m(seen: Seen, orders: Orders, older: Orders, braking: Braking, enough_m: float) -> Levels:
     """The least distance of each two vehicles from now on, whoever of them stops or hears nothing [set, pair]; infinite
     where one is not known.
@@ -255,7 +244,7 @@ def _lines_apart_m(
     return np.asarray(apart_m.min(axis=1))
 
 
-def longest_free(before_m: Levels, after_m: Levels, separation_m: float | Levels) -> TrackerNumbers | None:
+def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> TrackerNumbers | None:
     """Of set-points that are valid for shorter and shorter, the number of the first set that each vehicle may be sent
     [tracker]; None where not even the last may be.
 
@@ -264,7 +253,6 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float | Levels
     Args:
         before_m: The least distances with the set-points of before [pair],
         after_m: and with each set [set, pair].
-        separation_m: What is not too near, of all or of each pair.
     """
     is_free = (after_m >= separation_m) | (after_m >= before_m - ROUNDING_M)
     # Who is sent a shorter one than the other of a pair gets no further than with that of the other.
@@ -277,7 +265,7 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float | Levels
     return first
 
 
-def blocked(least_m: Levels, separation_m: float | Levels) -> Flags:
+def blocked(least_m: Levels, separation_m: float) -> Flags:
     """Which vehicles come too near to another, by the least distances [pair], if all fly on [tracker]."""
     found = np.zeros(NUM_TRACKERS, dtype=np.bool_)
     pairs = least_m < separation_m

@@ -33,7 +33,6 @@ from .flight_separation import (
     blocked,
     least_apart_m,
     longest_free,
-    needed_m,
 )
 from .formation_estimate import TrackerNumbers, claimed_centers_m, median_m
 from .going_round import PAIRS, ways_aside
@@ -246,14 +245,13 @@ class ListenInFlight:
         following_m = self._fenced_m(led_m, before_m)
         moves_mps = np.zeros(3) if brakes else self._goals_mps()
         orders = self._orders(before_m, following_m, moves_mps)
-        separation_m = needed_m(seen, self._limits.minimum_separation_m)
-        enough_m = float(separation_m.max())
+        separation_m = self._limits.minimum_separation_m
         older = self._told.older(swarm.now_ns, swarm.obeyed_ns())
         # Most of the time all are far enough apart with those that are valid for longest.
-        least_m = least_apart_m(seen, orders.only(1), older, self._braking, enough_m)
+        least_m = least_apart_m(seen, orders.only(1), older, self._braking, separation_m)
         chosen: TrackerNumbers | None = np.zeros(NUM_TRACKERS, dtype=np.int64)
         if (least_m < separation_m).any():
-            least_m = least_apart_m(seen, orders, older, self._braking, enough_m)
+            least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
             chosen = longest_free(least_m[0], least_m[1:], separation_m)
         self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
         if chosen is not None:
@@ -273,7 +271,7 @@ class ListenInFlight:
                 is_in_the_way = (least_m[-1] < separation_m) & (least_m[-1] < least_m[0] - ROUNDING_M)
                 self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
                 # Nobody would move any more otherwise.
-                ways = ways_aside(is_in_the_way, now_m, self._limits.minimum_separation_m)
+                ways = ways_aside(is_in_the_way, now_m, separation_m)
                 aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
                 stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
@@ -375,10 +373,10 @@ class ListenInFlight:
         """The first of these [set, tracker, 3], after that of before, by which nobody comes too near, nor nearer than
         by that; else that.
         """
-        separation_m = needed_m(seen, self._limits.minimum_separation_m)
+        separation_m = self._limits.minimum_separation_m
         nothing = np.zeros(set_points_m.shape[:2])
         orders = Orders(set_points_m, np.zeros_like(set_points_m), nothing, nothing)
-        least_m = least_apart_m(seen, orders, older, self._braking, float(separation_m.max()))
+        least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
         frees = (
             longest_free(least_m[0], least_m[number : number + 1], separation_m) for number in range(1, len(least_m))
         )
