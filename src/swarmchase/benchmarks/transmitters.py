@@ -1,4 +1,4 @@
-"""Live flights with another transmitter at the target's frequency, 150 m from where that starts, and the same flights
+"""Live flights with another transmitter at the target's frequency, so far from where that starts, and the same flights
 without: how often the service calls the wrong one reached, and how often it takes one for two.
 """
 
@@ -24,7 +24,11 @@ REFUSED_S = 10.0
 ended."""
 LEFT_S = 3.0
 """Who has not been there for so long has left: a swarm turns round more quickly where it has passed a target."""
-SETTINGS: dict[str, str] = {"one transmitter": "", "another one 150 m away": "second=150"}
+APART_M = (80, 150, 300)
+SETTINGS: dict[str, str] = {
+    "one transmitter": "",
+    **{f"another one {apart_m} m away": f"second={apart_m}" for apart_m in APART_M},
+}
 """In the words of ``fault_plan``."""
 
 
@@ -42,7 +46,7 @@ class TransmittersResult:
 def measure(
     scenario: Scenario, controller: str, chases: int, seed: int, processes: int, finished: Finished
 ) -> dict[str, Any]:
-    """Chases 0, 1, ... of the seed in both settings.
+    """Chases 0, 1, ... of the seed in every setting.
 
     Raises:
         InputError: the target does not fly.
@@ -52,7 +56,7 @@ def measure(
         raise InputError("transmitters are told apart in flight: say --scenario flight")
     work = [LiveWork(scenario, controller, seed, chase) for chase in range(chases)]
     by_setting: dict[str, list[TransmittersResult]] = {name: [] for name in SETTINGS}
-    for number, results in enumerate(flown(work, _in_both_settings, processes), start=1):
+    for number, results in enumerate(flown(work, _in_every_setting, processes), start=1):
         for name, result in results.items():
             by_setting[name].append(result)
         finished(number)
@@ -147,7 +151,7 @@ class Refusal:
             self.is_long = True
 
 
-def _in_both_settings(work: LiveWork) -> dict[str, TransmittersResult]:
+def _in_every_setting(work: LiveWork) -> dict[str, TransmittersResult]:
     return {name: fly(work, faults) for name, faults in SETTINGS.items()}
 
 

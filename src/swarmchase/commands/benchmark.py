@@ -154,8 +154,8 @@ class BenchmarkLiarsCommand(_LiveChasesCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkTransmittersCommand(_LiveChasesCommand):
-    """Simulated live flights with another transmitter 150 m from the target, and without: which one is called
-    reached."""
+    """Simulated live flights with another transmitter 80, 150 or 300 m from the target, and without: which one is
+    called reached."""
 
     def run(self) -> None:
         """Measure and report."""

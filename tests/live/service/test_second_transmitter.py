@@ -14,7 +14,7 @@ from swarmchase.live.service import second_transmitter
 from swarmchase.live.service.pace import Window
 from swarmchase.live.service.safety import formation_m
 from swarmchase.live.service.sample_window import Levels
-from swarmchase.live.service.second_transmitter import CERTAIN, SecondTransmitter
+from swarmchase.live.service.second_transmitter import ANY, CERTAIN, ENOUGH, SecondTransmitter
 from swarmchase.scenario import Scenario, load_scenario
 from swarmchase.world.radio import Radio
 
@@ -110,6 +110,14 @@ def test_two_whose_powers_add_up_do_not_fit_one(scenario: Scenario, other_m: tup
 def test_one_fits_however_it_fades_and_nobody_has_told_how(scenario: Scenario, seed: int) -> None:
     second = judged(scenario, None, seed, told=changed(scenario, rician_k=3.0))
     assert second.evidence <= 0.0
+    assert not second.is_heard
+
+
+@pytest.mark.parametrize(("rician_k", "seed"), [(7.5, 34), (7.5, 39), (9.0, 31)])
+def test_little_evidence_is_no_news_where_levels_fade_little(rician_k: float, seed: int) -> None:
+    """Beside a transmitter any would be enough, if they faded more."""
+    second = judged(changed(FLIGHT, rician_k=rician_k), None, seed)
+    assert ANY < second.evidence < ENOUGH
     assert not second.is_heard
 
 

@@ -35,8 +35,10 @@ from .sample_window import Levels, Point
 RICIAN_K = np.geomspace(0.5, 20.0, 16)
 """Of the fading, from hardly any line of sight to hardly any fading. With wider steps two of one factor would explain
 better than one what is of one of a factor in between."""
-SHALLOW_K = 10.0
+NOT_JUDGED_K = 10.0
 """What fades less on the whole way is not judged: its fades are as shallow as what else changes levels."""
+SHALLOW_K = 7.0
+"""Where levels fade less, little evidence is no news."""
 WEAKER = (0.0, 0.005, 0.015, 0.04, 0.1, 0.25, 1.0)
 """For these powers of the weaker transmitter, in that of the stronger, the law is tabulated."""
 OTHER_DBM = np.arange(-100.0, -30.0, 4.0)
@@ -54,9 +56,9 @@ LEAST_WAVELENGTHS = 15.0
 BESIDE_M = 15.0
 ABOVE_FLOOR_DB = 15.0
 """One fade in 100 is deeper where the line of sight is three times as strong as the rest."""
-CERTAIN = 4.0
-"""Evidence by which two are told of on the way. Beside a transmitter, where it is known how one alone fades, any is
-enough; and once they are told of, it is for as long as there is any."""
+CERTAIN, ENOUGH, ANY = 4.0, 0.9, 0.0
+"""Evidence by which two are told of: on the way; beside a transmitter, where it is known how one alone fades, and once
+they are told of, where levels fade little; and there where they fade more."""
 
 _COUNTED_NP = np.log([WEAKER[1] / 4, *WEAKER[1:]])
 """Where a weaker power stands in the table; less than the first is none."""
@@ -77,6 +79,8 @@ class SecondTransmitter:
         _table()  # not in the first decision: it takes a while
         self.evidence = 0.0
         """For two."""
+        self._is_shallow = False
+        """Whether one alone would fade little."""
         self.is_heard = False
         """Whether what is heard does not fit one transmitter."""
 
@@ -92,8 +96,10 @@ class SecondTransmitter:
             lost_np = self._lost_np(window, origin_m, belief)[every]
             self._log_likelihood *= 1 - 1 / REMEMBERED
             self._log_likelihood += _log_likelihood(window.rssi_dbm[every], lost_np, self._least_dbm)
-            self.evidence = _evidence(self._counts * self._log_likelihood, self._log_prior)
-        self.is_heard = self.evidence > (0.0 if is_beside or self.is_heard else CERTAIN)
+            self.evidence, rician_k = _evidence(self._counts * self._log_likelihood, self._log_prior)
+            self._is_shallow = rician_k > SHALLOW_K
+        enough = ENOUGH if self._is_shallow else ANY
+        self.is_heard = self.evidence > (enough if is_beside or self.is_heard else CERTAIN)
 
     def _lost_np(self, window: Window, origin_m: Point, belief: Belief) -> Levels:
         """The path loss to where the target was, as far as that is known [sample, tracker]: what the way alone makes of
@@ -119,8 +125,8 @@ class SecondTransmitter:
         return not is_beside and float(np.linalg.norm(swarm_mps - target_mps)) >= self._least_mps
 
 
-def _evidence(log_likelihood: NDArray[np.float64], log_prior: Levels) -> float:
-    """For two, without the tracker that speaks most for them.
+def _evidence(log_likelihood: NDArray[np.float64], log_prior: Levels) -> tuple[float, float]:
+    """For two, without the tracker that speaks most for them; and the likeliest K-factor of one.
 
     Args:
         log_likelihood: What each tracker says of each other level, the first being none, and each K-factor [tracker,
@@ -128,11 +134,12 @@ def _evidence(log_likelihood: NDArray[np.float64], log_prior: Levels) -> float:
         log_prior: Of each K-factor.
     """
     of_all = log_likelihood.sum(axis=0)
-    if RICIAN_K[of_all[0].argmax()] > SHALLOW_K:
-        return 0.0
+    rician_k = float(RICIAN_K[of_all[0].argmax()])
+    if rician_k > NOT_JUDGED_K:
+        return 0.0, rician_k
     several = np.concatenate([of_all[None], of_all - log_likelihood]) + log_prior
     evidence = logsumexp(several[:, 1:], axis=(1, 2)) - logsumexp(several[:, 0], axis=1) - math.log(len(OTHER_DBM))
-    return float(evidence.min())
+    return float(evidence.min()), rician_k
 
 
 def _log_likelihood(rssi_dbm: Levels, lost_np: Levels, least_dbm: float) -> NDArray[np.float64]:
