@@ -30,7 +30,6 @@ GROUPS = {
         "cluster/test_evaluation.py",
         "cluster/test_refusals.py",
         "benchmarks/test_cluster.py",
-        "training/test_a3c_processes.py",
     },
     "live": {
         "benchmarks/test_kills.py",
@@ -43,8 +42,8 @@ GROUPS = {
         "test_pictures.py",
     },
 }
-"""A Ray cluster and other processes that train; live processes and a browser, with limits of wall time: never two of a
-group side by side. They wait a lot, so there are two workers more than there are cores."""
+"""Ray clusters; live processes and a browser, with limits of wall time: never two of a group side by side. They wait a
+lot, so there are two workers more than there are cores."""
 LONG = {"batch", "channel", "controllers", "networks", "simulation", "test_docs.py", "training"}
 """Files and folders that take long: they begin early, so that no worker has one left when the other is done."""
 
