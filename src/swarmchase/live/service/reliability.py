@@ -14,7 +14,9 @@ A tracker is left out
 
 One that is left behind is led again when it has been where it was last told to be, within ``BACK_M``, for
 ``BACK_WINDOWS`` windows in a row; it counts when it was then in its place, with a level that needs no more than half of
-what the channel lends, for as many windows. Each time that it is left out again it must be so for twice as long.
+what the channel lends, for as many windows; those in which nothing of it was heard say nothing. Each time that it is
+left out again it must be so for twice as long, and for half as long each time that it has counted for
+``FORGIVEN_WINDOWS`` in a row: in an hour somebody is left out now and then who does no wrong.
 """
 
 from dataclasses import dataclass
@@ -31,6 +33,7 @@ BACK_WINDOWS = 3
 BACK_M = ASTRAY_M / 2
 LONGEST_BACK_WINDOWS = 1000
 """However often it was left out."""
+FORGIVEN_WINDOWS = 100
 
 
 @dataclass
@@ -49,12 +52,20 @@ class _Standing:
     """Windows in a row, while it is left out."""
     back_windows: int = BACK_WINDOWS
     """So many are asked for."""
+    counted: int = 0
+    """Windows in a row, since it came back or was forgiven."""
 
     def leave_out(self, reason: str, is_behind: bool) -> None:
         if self.reason:
             self.back_windows = min(2 * self.back_windows, LONGEST_BACK_WINDOWS)
         self.reason, self.is_behind = reason, is_behind
-        self.contradicting = self.not_followed = self.consistent = 0
+        self.contradicting = self.not_followed = self.consistent = self.counted = 0
+
+    def take_counted(self) -> None:
+        """Take in another window in which it counts."""
+        self.counted += 1
+        if self.counted >= FORGIVEN_WINDOWS:
+            self.counted, self.back_windows = 0, max(self.back_windows // 2, BACK_WINDOWS)
 
     def is_consistent(self, it_is: bool) -> bool:
         """Take in another window; whether there were enough by now."""
@@ -134,16 +145,15 @@ class Reliability:
             if standing.is_behind and standing.is_consistent(one_m <= BACK_M):
                 standing.come_back()
 
-    def take_levels(self, contradicts: Flags, is_consistent: Flags) -> None:
-        """Whose levels contradict the others' in a window, and who is where it must be with a level that does not by
-        far.
-        """
+    def take_levels(self, is_heard: Flags, contradicts: Flags, is_doubtful: Flags) -> None:
+        """Who is heard where it must be in a window, whose level contradicts the others', and whose nearly does."""
         for tracker, standing in enumerate(self._standings):
             if not standing.reason:
+                standing.take_counted()
                 standing.contradicting = standing.contradicting + 1 if contradicts[tracker] else 0
                 if standing.contradicting >= CONTRADICTING_WINDOWS:
                     standing.leave_out("its level contradicts what the others hear", is_behind=False)
-            elif not standing.is_behind and standing.is_consistent(bool(is_consistent[tracker])):
+            elif not standing.is_behind and is_heard[tracker] and standing.is_consistent(not is_doubtful[tracker]):
                 standing.come_back()
 
     def take_movement(self, set_out: list[int], came: list[int]) -> None:

@@ -271,8 +271,9 @@ class Swarm:
         last_m = np.where(np.isfinite(position_m[-1]), position_m[-1], place_m[-1])
         counts = self._reliability.counts
         contradicts = self._levels.contradicts(rssi_dbm, last_m, counts)
-        doubtful = self._levels.contradicts(rssi_dbm, last_m, counts, RETURN_SHARE) | np.isnan(rssi_dbm).all(axis=0)
-        self._reliability.take_levels(contradicts, ~doubtful)
+        is_doubtful = self._levels.contradicts(rssi_dbm, last_m, counts, RETURN_SHARE)
+        is_heard = np.asarray(np.isfinite(rssi_dbm).any(axis=0))
+        self._reliability.take_levels(is_heard, contradicts, is_doubtful)
         counts = self._reliability.counts
         is_in_place = counts & (off_m <= ASTRAY_M)
         return (
