@@ -13,7 +13,7 @@ from swarmchase.batch.selection import join_chases, select_chases
 from swarmchase.batch.streams import chase_keys
 from swarmchase.controllers import adaptive as adaptive_module
 from swarmchase.controllers import unknown_channel
-from swarmchase.controllers.adaptive import AdaptiveController, AdaptiveMemory
+from swarmchase.controllers.adaptive import AdaptiveController, AdaptiveMemory, _proposed
 from swarmchase.controllers.condition import Condition
 from swarmchase.controllers.remembered_windows import MOST_WINDOWS
 from swarmchase.evaluation.chases import run_chases
@@ -253,3 +253,15 @@ def test_the_documents_state_the_constants() -> None:
         f"up to {MOST_WINDOWS} windows",
     ):
         assert words in guide, words
+
+
+def test_a_belief_of_two_places_a_kilometre_apart_can_be_stepped_from() -> None:
+    """A line of no width: single precision rounds its covariance by more than the least spread."""
+    log_weight = torch.full((1000,), 1e-12, dtype=torch.float64)
+    log_weight[[3, 500]] = 0.5 - 499e-12
+    log_weight = log_weight.log()
+    for seed in range(20):
+        generator = torch.Generator().manual_seed(seed)
+        position_m = 1000 * torch.randn(3, 1000, generator=generator)
+        normal, uniform = torch.randn(3, 1000, generator=generator), torch.rand(4, 1000, generator=generator).double()
+        assert _proposed(position_m, log_weight, torch.zeros(3), 50.0, normal, uniform).isfinite().all()

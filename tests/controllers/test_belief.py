@@ -72,6 +72,20 @@ def test_a_belief_in_one_place_is_a_millimetre_wide() -> None:
     assert belief.radius_m.item() < 0.003
 
 
+def test_two_particles_far_apart_that_weigh_nearly_all_are_a_belief() -> None:
+    """So it is after a window that says much to one that has lost its target: a line of no width, seen from far."""
+    weight = torch.full((1, 1000), 1e-12, dtype=torch.float64)
+    weight[0, [3, 500]] = 0.5 - 499e-12
+    for seed in range(20):
+        drawn_m = torch.randn(1, 3, 1000, generator=torch.Generator().manual_seed(seed))
+        position_m = 300 * drawn_m + torch.tensor([900.0, -400.0, 100.0])[:, None]
+        belief = belief_of_particles(position_m, weight)
+        apart_m = float((position_m[0, :, 3] - position_m[0, :, 500]).double().norm())
+        # Of two points the variance is that of half their distance; the region reaches to both.
+        assert float(belief.radius_m[0]) == pytest.approx(apart_m / 2, rel=1e-3)
+        assert bool(belief.holds(belief.mean_m)[0])
+
+
 def test_particles_count_as_much_as_they_weigh() -> None:
     """Those that weigh nothing are as good as not there; one that weighs three counts as three."""
     generator = torch.Generator().manual_seed(2)

@@ -68,6 +68,8 @@ SHORTEST_STEP, LONGEST_STEP = 0.05, 1.5
 """In standard deviations of the belief, log-uniform between these."""
 LEAST_SPREAD_M = 0.2
 """Of the belief, for its steps."""
+ROUNDING_SHARE = 2e-7
+"""Of a belief's variance, by which single precision is off: less is nothing to step by."""
 MIRRORED_SHARE = 0.15
 """Of the steps, those that are reflections."""
 WIDE_SHARE = 0.1
@@ -390,7 +392,9 @@ def _proposed(
     """A step for every particle, as likely there as back."""
     weight = log_weight.exp().float()
     apart_m = position_m - (position_m @ weight)[:, None]
-    covariance_m2 = (apart_m * weight) @ apart_m.T + LEAST_SPREAD_M**2 * torch.eye(3)
+    covariance_m2 = (apart_m * weight) @ apart_m.T
+    least_m2 = max(LEAST_SPREAD_M**2, ROUNDING_SHARE * float(covariance_m2.trace()))
+    covariance_m2 = covariance_m2 + least_m2 * torch.eye(3)
     length = (SHORTEST_STEP * (uniform[0] * math.log(LONGEST_STEP / SHORTEST_STEP)).exp()).float()
     stepped_m = position_m + length * (torch.linalg.cholesky(covariance_m2) @ normal)
     axis = (4 * uniform[2]).long()

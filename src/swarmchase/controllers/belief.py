@@ -96,20 +96,21 @@ def belief_of_particles(
     Args:
         velocity_mps: of particles that fly, which all weigh the same.
     """
-    position_m = position_m.float()
-    share = torch.full_like(position_m[:, 0], 1 / position_m.shape[2]) if weight is None else weight.float()
-    # Sums of products throughout: a product of matrices rounds otherwise in another batch.
+    position_m = position_m.double()
+    share = torch.full_like(position_m[:, 0], 1 / position_m.shape[2]) if weight is None else weight.double()
+    # Sums of products throughout: a product of matrices rounds otherwise in another batch. In double precision: where
+    # two particles far apart weigh nearly all, single precision rounds by more than the least variance.
     mean_m = (position_m * share[:, None]).sum(dim=2)
     apart_m = position_m - mean_m[..., None]
     weighed_m = apart_m * share[:, None]
     rows_m2 = [(weighed_m * apart_m[:, axis, None]).sum(dim=2) for axis in range(3)]
-    covariance_m2 = torch.stack(rows_m2, dim=1).double()
+    covariance_m2 = torch.stack(rows_m2, dim=1)
     covariance_m2 = (covariance_m2 + covariance_m2.mT) / 2
     covariance_m2 = covariance_m2 + LEAST_VARIANCE_M2 * torch.eye(3, dtype=torch.float64, device=position_m.device)
-    squared = _squared_distance(covariance_m2, apart_m).cpu().numpy()
+    squared = _squared_distance(covariance_m2, apart_m.float()).cpu().numpy()
     reach = _quantile(squared if weight is None else _each_as_often(squared, weight.cpu().numpy()))
     mean_mps = None if velocity_mps is None else velocity_mps.double().mean(dim=2)
-    return Belief(mean_m.double(), covariance_m2, torch.from_numpy(reach).to(covariance_m2), mean_mps)
+    return Belief(mean_m, covariance_m2, torch.from_numpy(reach).to(covariance_m2), mean_mps)
 
 
 @functools.cache
