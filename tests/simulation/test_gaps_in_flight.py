@@ -17,7 +17,7 @@ from swarmchase.live.alarms import Alarms, Severity
 from swarmchase.live.events import Event, Events
 from swarmchase.live.service import pursuit
 from swarmchase.live.service.chase_state import Decision
-from swarmchase.live.service.flight_separation import LONGEST_VALID_S
+from swarmchase.live.service.orders import LONGEST_VALID_S
 from swarmchase.live.service.pursuit import ListenInFlight
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.separation import STRAYING_M
@@ -87,9 +87,9 @@ class Flight:
         """At rest, and told to be there: seen from the centre that is told."""
         pace = self.chase.service._pace
         assert isinstance(pace, ListenInFlight)
-        for vehicle, place_m in zip(self.chase.site.vehicles, pace._center_m + places_m, strict=True):
+        for vehicle, place_m in zip(self.chase.site.vehicles, pace._motion.center_m + places_m, strict=True):
             vehicle._true_position_m = tuple(place_m.tolist())
-        self.chase.service._swarm.stream.set_point_m = pace._center_m + places_m
+        self.chase.service._swarm.stream.set_point_m = pace._motion.center_m + places_m
         self.least_m = math.inf
 
     def off_m(self, tracker: int) -> float:
@@ -114,6 +114,24 @@ def test_a_gap_as_long_as_set_points_are_valid_costs_nothing() -> None:
     assert speeds_mps[2] < 0.1
     assert np.delete(speeds_mps, 2).min() > 0.95 * FULL_SPEED_MPS
     assert flight.off_m(2) > 10.0
+
+
+def test_one_that_flies_right_ahead_of_another_and_hears_nothing_does_not_have_all_brake() -> None:
+    """North-east, tracker 2 flies 7 m ahead of 1: who is behind may not go on without news, who is ahead may. All
+    slowed down while set-points were valid for as long for both of two.
+    """
+    flight = Flight(Wants(Random(0), math.sqrt(0.5), math.sqrt(0.5), 0.0))
+    flight.fly(6.0)
+    to_trackers = flight.chase.network._to_tracker
+    to_trackers[2].is_cut = True
+    for _ in range(round(1.5 / TICK_S)):
+        flight.tick()
+        assert flight.speeds_mps().min() > 0.95 * FULL_SPEED_MPS
+    assert flight.off_m(2) < 0.5
+    to_trackers[2].is_cut, to_trackers[1].is_cut = False, True
+    flight.fly(1.5)
+    assert flight.speeds_mps()[1] < 0.6 * FULL_SPEED_MPS
+    assert np.delete(flight.speeds_mps(), 1).min() > 0.95 * FULL_SPEED_MPS
 
 
 def test_who_flies_on_because_it_has_not_heard_that_all_brake_is_not_astray(monkeypatch: pytest.MonkeyPatch) -> None:

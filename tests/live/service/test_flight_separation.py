@@ -11,16 +11,13 @@ from swarmchase.live.link.messages import FeedForward, Metres, SetPoint
 from swarmchase.live.service.flight_separation import (
     AHEAD_S,
     HARDEST_BRAKING_MPS2,
-    KEPT_S,
-    Braking,
-    Onward,
-    Orders,
     Seen,
-    Told,
     blocked,
     least_apart_m,
     longest_free,
+    those_behind,
 )
+from swarmchase.live.service.orders import KEPT_S, Braking, Onward, Orders, Told
 from swarmchase.live.service.separation import STRAYING_M, Traffic
 from swarmchase.live.tracker.vehicles.simulated import SimulatedVehicle, VehicleLimits
 
@@ -123,6 +120,19 @@ def test_who_would_come_too_near_without_news_is_sent_on_for_shorter_and_the_oth
     # One that is free is not, where a shorter one is not.
     after_m[3, 0] = 0.5
     assert longest_free(np.full(15, np.inf), after_m, separation_m=1.0) is None
+
+
+def test_who_flies_ahead_of_another_is_not_sent_on_for_shorter_because_of_it() -> None:
+    """Trackers 0 and 1 may be sent the third set, 1 and 2 the second; 1 flies behind 0 and ahead of 2."""
+    after_m = np.full((4, 15), np.inf)
+    after_m[:2, 0], after_m[0, 5] = 0.5, 0.5
+    place_m = np.array([[9.0, 5, 0], [2.0, 0, 0], [-2.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0]])
+    one_behind, other_behind = those_behind(place_m, np.array([3.0, 0.0, 0.0]))
+    assert one_behind[[0, 5]].tolist() == [False, False]
+    assert other_behind[[0, 5]].tolist() == [True, True]
+    chosen = longest_free(np.full(15, np.inf), after_m, 1.0, (one_behind, other_behind))
+    assert chosen is not None
+    assert chosen.tolist() == [0, 2, 1, 0, 0, 0]
 
 
 def sent(told: Told, time_s: float, rest_m: Metres, forward_mps: float | None) -> None:

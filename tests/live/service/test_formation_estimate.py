@@ -7,6 +7,7 @@ from swarmchase.live.service.formation_estimate import (
     claimed_centers_m,
     fitted_formation,
     median_m,
+    medians,
 )
 from swarmchase.live.service.safety import formation_m
 
@@ -61,3 +62,9 @@ def test_noise_of_half_a_metre_makes_nobody_a_liar() -> None:
     random = np.random.default_rng(2)
     for _ in range(300):
         assert fitted_formation(formation_m(CENTER_M, 5.0) + random.normal(0, 0.5, (6, 3))).agrees.all()
+
+
+@pytest.mark.parametrize("number", [1, 2, 5, 6])
+def test_medians_are_those_of_numpy(number: int) -> None:
+    values = np.random.default_rng(number).normal(size=(number, 4))
+    assert np.array_equal(medians(values), np.median(values, axis=0))

@@ -14,9 +14,7 @@ These pieces, moment by moment, must not come nearer to one another than the lea
 nothing more, or are stopped by a pilot or a failsafe, keep apart by themselves.
 """
 
-import bisect
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +22,7 @@ import numpy.typing as npt
 
 from ...scenario import NUM_TRACKERS
 from .formation_estimate import TrackerNumbers
+from .orders import Braking, Orders
 from .sample_window import Flags, Levels, Point, Points
 from .separation import ROUNDING_M, Traffic, segments_apart_m, stopping_m
 
@@ -38,143 +37,13 @@ GAIN_HZ = 2.0
 PLACES_AGE_S = 2.0
 """A place that is older counts as so old: following a vehicle for longer costs time, and it may be anywhere."""
 
-LONGEST_VALID_S = 2.0
-"""No set-point is valid for longer."""
-NUM_UNHEARD = 3
-"""So many of the set-points that may be the last that a vehicle has heard stand for all of them."""
-KEPT_S = 3.0
-"""What was sent longer ago nobody obeys any more: then trackers miss the controller (``AgentSettings``) and brake."""
-
 _ONE, _OTHER = np.triu_indices(NUM_TRACKERS, 1)
+BOTH = np.ones(len(_ONE), dtype=np.bool_), np.ones(len(_ONE), dtype=np.bool_)
 _NUM_MOMENTS = round(AHEAD_S / MOMENT_S) + 1
+_TRACKER = np.arange(NUM_TRACKERS)
 
-
-@dataclass(frozen=True)
-class Braking:
-    """How the vehicles of a swarm brake and turn."""
-
-    nominal_mps2: float
-    """With which they brake before their set-points."""
-    most_mps2: float
-    """The most that their velocity changes in a second."""
-
-    def rest_m(self, velocity_mps: Points) -> Points:
-        """How far they get until they rest [..., 3]."""
-        speed_mps = np.linalg.norm(velocity_mps, axis=-1, keepdims=True)
-        return np.asarray(velocity_mps * speed_mps / (2 * self.nominal_mps2))
-
-
-@dataclass(frozen=True, eq=False)
-class Onward:
-    """How those that fly go on from their set-points, which are where they come to rest if they brake now."""
-
-    velocity_mps: Point
-    """Of all."""
-    valid_s: Levels
-    """For so long their set-points move on, though they hear nothing more [tracker]; 0: they do not."""
-    braking: Braking
-
-
-@dataclass(frozen=True, eq=False)
-class Orders:
-    """Sets of set-points to fly by, each of all vehicles."""
-
-    rest_m: Points
-    """Where they come to rest if they brake when they are told [set, tracker, 3]; NaN for those that are not."""
-    velocity_mps: Points
-    """With which these places move on [set, tracker, 3],"""
-    valid_s: Levels
-    """for so long [set, tracker],"""
-    since_s: Levels
-    """and so long ago they were sent [set, tracker]."""
-
-    def rest_at_m(self, after_s: Levels) -> Points:
-        """Where these places are so long from now [tracker]."""
-        moved_s = np.clip(after_s + self.since_s, 0.0, self.valid_s)
-        return np.asarray(self.rest_m + self.velocity_mps * moved_s[..., None])
-
-    def only(self, number: int) -> "Orders":
-        """One of these sets."""
-        sets = (self.rest_m, self.velocity_mps, self.valid_s, self.since_s)
-        return Orders(*(one[number : number + 1] for one in sets))
-
-    def joined(self, other: "Orders") -> "Orders":
-        """These sets, then the others."""
-        return Orders(
-            np.concatenate([self.rest_m, other.rest_m]),
-            np.concatenate([self.velocity_mps, other.velocity_mps]),
-            np.concatenate([self.valid_s, other.valid_s]),
-            np.concatenate([self.since_s, other.since_s]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Sent:
-    time_ns: int
-    rest_m: Points
-    onward: Onward | None
-
-
-class Told:
-    """What was sent of late."""
-
-    def __init__(self) -> None:
-        self._sent: list[_Sent] = []
-
-    def note(self, now_ns: int, rest_m: Points, onward: Onward | None) -> None:
-        """It is sent now."""
-        self._sent.append(_Sent(now_ns, rest_m, onward))
-        while now_ns - self._sent[0].time_ns > KEPT_S * 1e9:
-            del self._sent[0]
-
-    def older(self, now_ns: int, obeyed_ns: Sequence[int | None]) -> Orders:
-        """What each may have heard last instead of what is sent now: of all that was sent since it was last known to
-        obey, those that differ most in where they stand and where they move on to. Every one counts: one that moves on
-        may stand between two that do not.
-
-        Args:
-            obeyed_ns: When that was sent, of each; None where it is not known.
-        """
-        shape = NUM_UNHEARD, NUM_TRACKERS
-        rest_m, velocity_mps = np.full((*shape, 3), np.nan), np.zeros((*shape, 3))
-        valid_s, since_s = np.zeros(shape), np.zeros(shape)
-        if not self._sent:
-            return Orders(rest_m, velocity_mps, valid_s, since_s)
-        age_s = np.array([(now_ns - sent.time_ns) / 1e9 for sent in self._sent])
-        sent_rest_m = np.stack([sent.rest_m for sent in self._sent])
-        sent_mps = np.stack([np.zeros(3) if sent.onward is None else sent.onward.velocity_mps for sent in self._sent])
-        sent_s = np.stack(
-            [np.zeros(NUM_TRACKERS) if sent.onward is None else sent.onward.valid_s for sent in self._sent]
-        )
-        ends_m = sent_rest_m + sent_mps[:, None] * sent_s[..., None]
-        orders_m = np.concatenate([sent_rest_m, ends_m], axis=2)
-        for tracker, time_ns in enumerate(obeyed_ns):
-            first = 0 if time_ns is None else self._sent_before(time_ns)
-            chosen = first + _most_different(orders_m[first:, tracker])
-            rest_m[:, tracker], velocity_mps[:, tracker] = sent_rest_m[chosen, tracker], sent_mps[chosen]
-            valid_s[:, tracker], since_s[:, tracker] = sent_s[chosen, tracker], age_s[chosen]
-        return Orders(rest_m, velocity_mps, valid_s, since_s)
-
-    def _sent_before(self, time_ns: int) -> int:
-        """The number of the newest of what was sent up to this moment, or else of the oldest that is known."""
-        number = bisect.bisect_right(self._sent, time_ns, key=lambda sent: sent.time_ns)
-        return max(number - 1, 0)
-
-
-def _most_different(orders_m: Points) -> TrackerNumbers:
-    """Of set-points [set-point, feature], NaN where nothing was sent, the number of the oldest, then of the one that is
-    farthest from the newest and all that are chosen (Gonzalez 1985, Clustering to minimize the maximum intercluster
-    distance).
-    """
-    sent = np.flatnonzero(np.isfinite(orders_m).all(axis=1))
-    if len(sent) == 0:
-        return np.zeros(NUM_UNHEARD, dtype=np.int64)
-    known_m, chosen = orders_m[sent], [0]
-    apart_m = np.minimum(*(np.linalg.norm(known_m - known_m[number], axis=1) for number in (0, -1)))
-    while len(chosen) < NUM_UNHEARD:
-        chosen.append(int(apart_m.argmax()))
-        apart_m = np.minimum(apart_m, np.linalg.norm(known_m - known_m[chosen[-1]], axis=1))
-    return sent[chosen]
+Corners = npt.NDArray[np.float64]
+"""Of lines, one behind another [corner, moment, tracker, xyz, set]: numpy is fast where much lies side by side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,56 +64,71 @@ def least_apart_m(seen: Seen, orders: Orders, older: Orders, braking: Braking, e
         older: What was sent before and may be the last that was heard.
         enough_m: Where it is more, the distance is not told exactly: some that is as much, and not above it.
     """
-    places_m = _places_m(seen, orders, older, braking)
-    turned_m = places_m @ _along(seen.traffic.velocity_mps)
-    gap_m = _gap_m(turned_m.min(axis=3), turned_m.max(axis=3), _ONE, _OTHER)
+    axes = _along(seen.traffic.velocity_mps)
+    placed_m, unheard_m = _places_m(seen, axes, orders, older, braking)
+    low_m = np.minimum(placed_m.min(axis=0), unheard_m.min(axis=0))
+    high_m = np.maximum(placed_m.max(axis=0), unheard_m.max(axis=0))
+    gap_m = _gap_m(low_m, high_m, _ONE, _OTHER)
     least_m = np.where(np.isnan(gap_m), np.inf, gap_m)
-    sets, moments, pairs = np.nonzero(gap_m < enough_m)
-    one_m, other_m = turned_m[sets, moments, _ONE[pairs]], turned_m[sets, moments, _OTHER[pairs]]
-    least_m[sets, moments, pairs] = _lines_apart_m(one_m, other_m, enough_m)
-    return np.asarray(np.minimum(least_m.min(axis=1), _instead_apart_m(seen, places_m)))
+    moments, pairs, sets = np.nonzero(gap_m < enough_m)
+    if len(sets):
+        lines_m = np.ascontiguousarray(_lines_m(placed_m, unheard_m).transpose(1, 2, 4, 0, 3))
+        one_m, other_m = lines_m[moments, _ONE[pairs], sets], lines_m[moments, _OTHER[pairs], sets]
+        least_m[moments, pairs, sets] = _lines_apart_m(one_m, other_m, enough_m)
+    return np.asarray(np.minimum(least_m.min(axis=0).T, _instead_apart_m(seen, axes, placed_m, unheard_m)))
 
 
 def _along(velocity_mps: Points) -> npt.NDArray[np.float64]:
     """Axes of which the first is the way that most fly [xyz, axis]: boxes along it are narrow."""
-    known = velocity_mps[np.isfinite(velocity_mps).all(axis=1)]
-    way = known.mean(axis=0) if len(known) else np.zeros(3)
-    return np.asarray(np.linalg.qr(np.column_stack([way, np.eye(3)]))[0])
+    known = [one for one in velocity_mps.tolist() if all(map(math.isfinite, one))]
+    x, y, z = (sum(parts) for parts in zip(*known, strict=True)) if known else (0.0, 0.0, 0.0)
+    speed, level = math.hypot(x, y, z), math.hypot(x, y)
+    if level < 1e-9:  # straight up or down, or at rest
+        return np.eye(3)
+    along, beside = (x / speed, y / speed, z / speed), (-y / level, x / level, 0.0)
+    above = (-along[2] * beside[1], along[2] * beside[0], level / speed)
+    return np.array([along, beside, above]).T
 
 
 def _gap_m(
     low_m: npt.NDArray[np.float64], high_m: npt.NDArray[np.float64], one: TrackerNumbers, other: TrackerNumbers
 ) -> npt.NDArray[np.float64]:
-    """Between each two boxes [..., box, 3], at most the distance of what is in them [..., pair]; NaN where one is not
-    known.
+    """Between each two boxes [moment, box, 3, set], at most the distance of what is in them [moment, pair, set]; NaN
+    where one is not known.
     """
-    squared = []
-    # Axis by axis: it takes half the time.
-    for axis in range(3):
-        low, high = low_m[..., axis], high_m[..., axis]
-        beside_m = np.maximum(low[..., one] - high[..., other], low[..., other] - high[..., one])
-        squared.append(np.maximum(beside_m, 0.0) ** 2)
-    return np.asarray(np.sqrt(squared[0] + squared[1] + squared[2]))
+    beside_m = np.maximum(low_m[:, one] - high_m[:, other], low_m[:, other] - high_m[:, one])
+    beside_m = np.maximum(beside_m, 0.0)
+    return np.asarray(np.sqrt((beside_m * beside_m).sum(axis=2)))
 
 
 def _lines_apart_m(
     one_m: npt.NDArray[np.float64], other_m: npt.NDArray[np.float64], enough_m: float
 ) -> npt.NDArray[np.float64]:
     """The least distance of each two lines of corners [line, corner, 3]; as ``least_apart_m`` has it."""
-    starts_m, ends_m = (
-        np.concatenate([one_m[:, part], other_m[:, part]], axis=1) for part in (slice(-1), slice(1, None))
+    one_m, other_m = (np.ascontiguousarray(line_m.transpose(1, 2, 0)) for line_m in (one_m, other_m))
+    apart_m = np.full(one_m.shape[2], enough_m)
+    # Most pieces are farther than that from all of the other line.
+    first, second, lines = np.nonzero(
+        _is_near(one_m, other_m, enough_m)[:, None] & _is_near(other_m, one_m, enough_m)[None]
     )
-    num_pieces = one_m.shape[1] - 1
-    first, second = (piece.ravel() for piece in np.indices((num_pieces, num_pieces)))
-    second = second + num_pieces
-    apart_m = _gap_m(np.minimum(starts_m, ends_m), np.maximum(starts_m, ends_m), first, second)
-    lines, pieces = np.nonzero(apart_m < enough_m)
-    ends = [which[lines, piece[pieces]] for piece in (first, second) for which in (starts_m, ends_m)]
-    apart_m[lines, pieces] = segments_apart_m(*ends)
-    return np.asarray(apart_m.min(axis=1))
+    ends = one_m[first, :, lines], one_m[first + 1, :, lines], other_m[second, :, lines], other_m[second + 1, :, lines]
+    np.minimum.at(apart_m, lines, segments_apart_m(*ends))
+    return apart_m
 
 
-def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> TrackerNumbers | None:
+def _is_near(line_m: Corners, other_m: Corners, enough_m: float) -> Flags:
+    """Whether the pieces of lines [corner, 3, line] may be nearer than that to the others [piece, line]."""
+    starts_m, ends_m = line_m[:-1], line_m[1:]
+    beside_m = np.maximum(
+        np.minimum(starts_m, ends_m) - other_m.max(axis=0), other_m.min(axis=0) - np.maximum(starts_m, ends_m)
+    )
+    beside_m = np.maximum(beside_m, 0.0)
+    return np.asarray((beside_m * beside_m).sum(axis=1) < enough_m**2)
+
+
+def longest_free(
+    before_m: Levels, after_m: Levels, separation_m: float, limited: tuple[Flags, Flags] = BOTH
+) -> TrackerNumbers | None:
     """Of set-points that are valid for shorter and shorter, the number of the first set that each vehicle may be sent
     [tracker]; None where not even the last may be.
 
@@ -253,6 +137,7 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> Trac
     Args:
         before_m: The least distances with the set-points of before [pair],
         after_m: and with each set [set, pair].
+        limited: Whether the first, and the second, of each two is to be sent no longer one than they may be [pair].
     """
     is_free = (after_m >= separation_m) | (after_m >= before_m - ROUNDING_M)
     # Who is sent a shorter one than the other of a pair gets no further than with that of the other.
@@ -260,9 +145,16 @@ def longest_free(before_m: Levels, after_m: Levels, separation_m: float) -> Trac
     if not is_free[-1].all():
         return None
     first = np.zeros(NUM_TRACKERS, dtype=np.int64)
-    for vehicle in (_ONE, _OTHER):
-        np.maximum.at(first, vehicle, is_free.argmax(axis=0))
+    for vehicle, is_limited in zip((_ONE, _OTHER), limited, strict=True):
+        np.maximum.at(first, vehicle, np.where(is_limited, is_free.argmax(axis=0), 0))
     return first
+
+
+def those_behind(place_m: Points, velocity_mps: Point) -> tuple[Flags, Flags]:
+    """Whether the first, and the second, of each two flies behind the other [pair]."""
+    ahead_m = place_m @ velocity_mps
+    is_behind = np.asarray(ahead_m[_ONE] < ahead_m[_OTHER])
+    return is_behind, ~is_behind
 
 
 def blocked(least_m: Levels, separation_m: float) -> Flags:
@@ -273,103 +165,117 @@ def blocked(least_m: Levels, separation_m: float) -> Flags:
     return found
 
 
-def _places_m(seen: Seen, orders: Orders, older: Orders, braking: Braking) -> npt.NDArray[np.float64]:
-    """Where each may be at each moment from now on: corners of a line, from what it does that has not heard these
-    orders past the one that brakes first to the one that obeys them [set, moment, tracker, corner, 3].
+def _places_m(
+    seen: Seen, axes: npt.NDArray[np.float64], orders: Orders, older: Orders, braking: Braking
+) -> tuple[Corners, Corners]:
+    """Where each may be at each moment from now on, in a frame of these axes: corners of a line from the one that
+    brakes first to the one that obeys these orders; and where it gets that has not heard them, by each older set.
     """
     traffic = seen.traffic
-    age_s = np.clip(np.nan_to_num(seen.age_s, nan=PLACES_AGE_S, posinf=PLACES_AGE_S), 0.0, PLACES_AGE_S)
-    flown = orders.joined(older)
-    shape = flown.rest_m.shape
-    is_free: Flags = np.asarray(~np.isfinite(flown.rest_m).all(axis=2))
-    position_m, velocity_mps = (np.broadcast_to(one, shape) for one in (traffic.position_m, traffic.velocity_mps))
+    age_s = np.minimum(np.maximum(np.nan_to_num(seen.age_s, nan=PLACES_AGE_S, posinf=PLACES_AGE_S), 0.0), PLACES_AGE_S)
+    num_sets, told = len(orders.rest_m), orders.joined(older).turned(axes)
+    is_free: Flags = np.asarray(~np.isfinite(told.rest_m).all(axis=2))
     # Nobody has told those that are not commanded anything before, either.
-    stop_m = np.broadcast_to(traffic.stop_m, shape).copy()
-    stop_m[len(orders.rest_m) :] = np.nan
+    stop_m = np.broadcast_to(traffic.stop_m @ axes, told.rest_m.shape).copy()
+    stop_m[num_sets:] = np.nan
     # Of the vehicles' own time, which begins when each was last seen.
-    flown_m, flown_mps = [position_m], [velocity_mps]
-    for moment in range(_NUM_MOMENTS + math.ceil(float(age_s.max()) / MOMENT_S)):
-        rest_m = np.where(is_free[..., None], stop_m, flown.rest_at_m(moment * MOMENT_S - age_s))
-        position_m, velocity_mps = _flown(position_m, velocity_mps, rest_m, braking)
-        flown_m.append(position_m)
-        flown_mps.append(velocity_mps)
-    way_m, speed_mps = np.stack(flown_m), np.stack(flown_mps)
-    moment_s = np.arange(_NUM_MOMENTS)[:, None] * MOMENT_S + age_s
-    flies_m = _at(way_m, moment_s)
+    num_moments = _NUM_MOMENTS + math.ceil(float(age_s.max()) / MOMENT_S)
+    own_s: Levels = np.arange(float(num_moments + 1))[:, None] * MOMENT_S - age_s
+    own_s[-1] = np.inf
+    rest_m = np.where(is_free[..., None], stop_m, told.rest_at_m(own_s))
+    way = _flown(traffic.position_m @ axes, traffic.velocity_mps @ axes, rest_m[:-1], braking)
+    moment_s: Levels = np.arange(float(_NUM_MOMENTS))[:, None] * MOMENT_S + age_s
+    flies_m = _at(way[..., :3, :], moment_s)
     # What it is told is where it gets, if later.
-    flies_m[-1] = np.where(is_free[..., None], stop_m, flown.rest_at_m(np.full(NUM_TRACKERS, np.inf)))
-    stops = [_braked_m(way_m, speed_mps, np.minimum(after_s, moment_s), moment_s) for after_s in STOPS_AFTER_S]
-    placed_m, unheard_m = np.split(np.stack([*stops, flies_m], axis=-2), [len(orders.rest_m)], axis=1)
-    placed_m = _of_the_free_m(placed_m, traffic, is_free[: len(orders.rest_m)])
-    brakes_m = placed_m[..., :1, :]
-    # One line past each two next to one another of those that have not heard, and from each to the one that brakes.
-    unheard_m = np.where(np.isfinite(unheard_m[..., -1:, :]), unheard_m[..., -1:, :], brakes_m[:, :1])
-    oldest_m, *others_m = (
-        one_m.repeat(len(orders.rest_m), 1) for one_m in np.split(unheard_m, len(older.rest_m), axis=1)
-    )
-    line_m = [others_m[0], oldest_m, brakes_m, *others_m, placed_m]
-    return np.moveaxis(np.concatenate(line_m, axis=-2), 0, 1)
+    flies_m[-1] = np.moveaxis(rest_m[-1], 0, -1)
+    after_s = np.minimum(np.array(STOPS_AFTER_S)[:, None, None], moment_s)
+    stops_m = _braked_m(way[..., :num_sets], after_s, moment_s)
+    placed_m = np.concatenate([stops_m, flies_m[None, ..., :num_sets]])
+    if is_free.any():
+        placed_m = _of_the_free_m(placed_m, traffic, axes, is_free[:num_sets])
+    unheard_m = np.moveaxis(flies_m[..., num_sets:], -1, 0)[..., None]
+    return placed_m, np.where(np.isfinite(unheard_m), unheard_m, placed_m[:1, ..., :1])
 
 
-def _of_the_free_m(places_m: npt.NDArray[np.float64], traffic: Traffic, is_free: Flags) -> npt.NDArray[np.float64]:
+def _lines_m(placed_m: Corners, unheard_m: Corners) -> Corners:
+    """One line past each two next to one another of those that have not heard, and from each to the one that brakes."""
+    oldest_m, *others_m = (np.broadcast_to(one_m, placed_m.shape[1:]) for one_m in unheard_m)
+    return np.stack([others_m[0], oldest_m, placed_m[0], *others_m, *placed_m])
+
+
+def _of_the_free_m(places_m: Corners, traffic: Traffic, axes: npt.NDArray[np.float64], is_free: Flags) -> Corners:
     """Who is not commanded may have begun to stop at any moment, as hard or as gently as vehicles do, and else flies no
     further than it says, or than it was told.
     """
-    brakes_m = places_m[..., :1, :]
-    shape = brakes_m.shape
-    stop_m = np.broadcast_to(traffic.stop_m[:, None], shape)
-    gently_m = np.broadcast_to((traffic.position_m + stopping_m(traffic.velocity_mps))[:, None], shape)
-    straight_m = np.concatenate([brakes_m, gently_m, brakes_m, (brakes_m + stop_m) / 2, stop_m], axis=-2)
-    return np.asarray(np.where(is_free[None, ..., None, None], straight_m, places_m))
+    brakes_m = places_m[0]
+    stop_m, gently_m = (
+        np.broadcast_to((one_m @ axes)[..., None], brakes_m.shape)
+        for one_m in (traffic.stop_m, traffic.position_m + stopping_m(traffic.velocity_mps))
+    )
+    straight_m = np.stack([brakes_m, gently_m, brakes_m, (brakes_m + stop_m) / 2, stop_m])
+    return np.where(is_free.T[:, None], straight_m, places_m)
 
 
-def _flown(position_m: Points, velocity_mps: Points, goal_m: Points, braking: Braking) -> tuple[Points, Points]:
-    """After a moment of flying towards a set-point, as fast as it can brake from: v^2 = 2 b d."""
-    way_m = goal_m - position_m
-    distance_m = np.linalg.norm(way_m, axis=-1, keepdims=True)
-    # In the midst of the moment: at its beginning it would brake too late.
-    left_m = np.maximum(distance_m - np.linalg.norm(velocity_mps, axis=-1, keepdims=True) * MOMENT_S / 2, 0.0)
-    wanted_mps = np.minimum(np.sqrt(2 * braking.nominal_mps2 * left_m), GAIN_HZ * left_m)
-    change_mps = way_m / np.maximum(distance_m, 1e-9) * wanted_mps - velocity_mps
-    length_mps = np.linalg.norm(change_mps, axis=-1, keepdims=True)
-    change_mps = change_mps * np.minimum(1.0, braking.most_mps2 * MOMENT_S / np.maximum(length_mps, 1e-9))
-    return position_m + (velocity_mps + change_mps / 2) * MOMENT_S, velocity_mps + change_mps
-
-
-def _at(values: npt.NDArray[np.float64], moment_s: Levels) -> npt.NDArray[np.float64]:
-    """Of values [own moment, set-points, tracker, 3], those at these own times [moment, tracker]: straight between."""
-    place = np.clip(moment_s / MOMENT_S, 0, len(values) - 1)
-    index = np.minimum(place.astype(np.int64), len(values) - 2)
-    share = (place - index)[:, None, :, None]
-    tracker = np.arange(values.shape[2])
-    before, after = (np.swapaxes(values[step, :, tracker], 1, 2) for step in (index, index + 1))
-    return np.asarray(before + share * (after - before))
-
-
-def _braked_m(
-    way_m: npt.NDArray[np.float64], flown_mps: npt.NDArray[np.float64], after_s: Levels, moment_s: Levels
-) -> npt.NDArray[np.float64]:
-    """Where those are at these own times that began to brake hardest at those [moment, set-points, tracker, 3]."""
-    velocity_mps = _at(flown_mps, after_s)
-    speed_mps = np.linalg.norm(velocity_mps, axis=-1)
-    braked_s = np.minimum((moment_s - after_s)[:, None], speed_mps / HARDEST_BRAKING_MPS2)
-    share_s = braked_s - HARDEST_BRAKING_MPS2 * braked_s**2 / (2 * np.maximum(speed_mps, 1e-9))
-    return np.asarray(_at(way_m, after_s) + share_s[..., None] * velocity_mps)
-
-
-def _instead_apart_m(seen: Seen, places_m: npt.NDArray[np.float64]) -> Levels:
-    """From where vehicles may stand instead of where they say, to where the other of each two may be [set-points,
-    pair].
+def _flown(position_m: Points, velocity_mps: Points, rest_m: npt.NDArray[np.float64], braking: Braking) -> Corners:
+    """Where vehicles are, and how fast, that fly towards set-points that move on [moment, set, tracker, 3], as fast as
+    they can brake from: v^2 = 2 b d. [moment, tracker, place and velocity, set]
     """
-    instead_m = seen.traffic.instead_m
-    found = np.full((len(places_m), len(_ONE)), np.inf)
+    num_moments, num_sets = rest_m.shape[:2]
+    # Axis by axis, all vehicles and sets behind one another: it takes half the time.
+    goal_m = np.ascontiguousarray(rest_m.transpose(0, 3, 2, 1)).reshape(num_moments, 3, -1)
+    way = np.empty((num_moments + 1, 2, 3, goal_m.shape[2]))
+    at_m, flown_mps = (one.T[..., None].repeat(num_sets, axis=2).reshape(3, -1) for one in (position_m, velocity_mps))
+    way[0] = at_m, flown_mps
+    for moment in range(num_moments):
+        way_m = goal_m[moment] - at_m
+        distance_m = np.sqrt(np.add.reduce(way_m * way_m))
+        speed_mps = np.sqrt(np.add.reduce(flown_mps * flown_mps))
+        # In the midst of the moment: at its beginning it would brake too late.
+        left_m = np.maximum(distance_m - speed_mps * (MOMENT_S / 2), 0.0)
+        wanted_mps = np.minimum(np.sqrt(2 * braking.nominal_mps2 * left_m), GAIN_HZ * left_m)
+        change_mps = way_m * (wanted_mps / np.maximum(distance_m, 1e-9)) - flown_mps
+        length_mps = np.sqrt(np.add.reduce(change_mps * change_mps))
+        change_mps *= np.minimum(1.0, braking.most_mps2 * MOMENT_S / np.maximum(length_mps, 1e-9))
+        at_m = at_m + (flown_mps + change_mps / 2) * MOMENT_S
+        flown_mps = flown_mps + change_mps
+        way[moment + 1] = at_m, flown_mps
+    by_axis = way.reshape(num_moments + 1, 6, NUM_TRACKERS, num_sets)
+    return np.ascontiguousarray(by_axis.transpose(0, 2, 1, 3))
+
+
+def _at(values: Corners, moment_s: Levels) -> Corners:
+    """Of values [own moment, tracker, axis, set], those at these own times [..., tracker]: straight between."""
+    place = np.minimum(np.maximum(moment_s / MOMENT_S, 0.0), len(values) - 1)
+    index = np.minimum(place.astype(np.int64), len(values) - 2)
+    share = (place - index)[..., None, None]
+    before = values[index, _TRACKER]
+    return np.asarray(before + share * (values[index + 1, _TRACKER] - before))
+
+
+def _braked_m(way: Corners, after_s: Levels, moment_s: Levels) -> Corners:
+    """Where those are at these own times that began to brake hardest at those [..., tracker, 3, set]."""
+    then = _at(way, after_s)
+    position_m, velocity_mps = then[..., :3, :], then[..., 3:, :]
+    speed_mps = np.sqrt((velocity_mps * velocity_mps).sum(axis=-2))
+    braked_s = np.minimum((moment_s - after_s)[..., None], speed_mps / HARDEST_BRAKING_MPS2)
+    share_s = braked_s - HARDEST_BRAKING_MPS2 * braked_s**2 / (2 * np.maximum(speed_mps, 1e-9))
+    return np.asarray(position_m + share_s[..., None, :] * velocity_mps)
+
+
+def _instead_apart_m(seen: Seen, axes: npt.NDArray[np.float64], placed_m: Corners, unheard_m: Corners) -> Levels:
+    """From where vehicles may stand instead of where they say, to where the other of each two may be [set, pair]."""
+    instead_m = seen.traffic.instead_m @ axes
+    found = np.full((placed_m.shape[-1], len(_ONE)), np.inf)
+    if not np.isfinite(instead_m).all(axis=1).any():
+        return found
+    lines_m = _lines_m(placed_m, unheard_m)
     for pair, (one, other) in enumerate(zip(_ONE, _OTHER, strict=True)):
         for stands, flies in ((one, other), (other, one)):
             if not np.isfinite(instead_m[stands]).all():
                 continue
-            starts_m = places_m[:, :, flies, :-1].reshape(-1, 3)
-            ends_m = places_m[:, :, flies, 1:].reshape(-1, 3)
+            way_m = np.moveaxis(lines_m[:, :, flies], -1, 0)
+            starts_m, ends_m = way_m[:, :-1].reshape(-1, 3), way_m[:, 1:].reshape(-1, 3)
             at_m = np.broadcast_to(instead_m[stands], starts_m.shape)
-            apart_m = segments_apart_m(at_m, at_m, starts_m, ends_m).reshape(len(places_m), -1)
+            apart_m = segments_apart_m(at_m, at_m, starts_m, ends_m).reshape(len(found), -1)
             found[:, pair] = np.minimum(found[:, pair], np.where(np.isnan(apart_m), np.inf, apart_m).min(axis=1))
     return found

@@ -8,34 +8,26 @@ brakes in time for it is, on the way, as fast as the formation; one that hears n
 The cross turns as the controller says, as far as those that fly ahead of it keep up (``CLOSING_MPS``); each is told the
 place that is its own when it comes to rest.
 
-Set-points go on only if all keep apart, whoever of them stops (``flight_separation``); where they may not, they stay,
-by which all brake. The formation keeps inside the fence, goes round those that are not commanded, and waits for who has
-fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
+Set-points go on only if all keep apart, whoever of them stops (``flight_separation``); where they may not, those that
+are too near move apart, and the formation turns less, flies on straight or brakes; where not even that is free, they
+stay, by which all brake. The formation keeps inside the fence, goes round those that are not commanded, and waits for
+who has fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
 """
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from ...errors import InputError
-from ...flight import flown
 from ...scenario import NUM_TRACKERS, Scenario
-from .flight_separation import (
-    LONGEST_VALID_S,
-    Braking,
-    Onward,
-    Orders,
-    Seen,
-    Told,
-    blocked,
-    least_apart_m,
-    longest_free,
-)
-from .formation_estimate import TrackerNumbers, claimed_centers_m, median_m
-from .going_round import PAIRS, ways_aside
+from .flight_separation import Seen, blocked, least_apart_m, longest_free, those_behind
+from .formation_estimate import claimed_centers_m, median_m, medians
+from .formation_motion import FormationMotion
+from .going_round import PAIRS, SHORTEST_MPS, others_mps, ways_apart, ways_aside
+from .orders import KEPT_S, LONGEST_VALID_S, Braking, Onward, Orders, Told
 from .pace import Window
 from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
 from .sample_window import Flags, Levels, Point, Points
@@ -63,17 +55,16 @@ MOST_AHEAD_M = 4.0
 for it to be taken for one that is astray."""
 FRESH_S = 0.4
 """What was seen longer ago tells where a tracker may be, not that it is astray."""
-SPREADING_MPS = 2.0
-"""No faster does the spacing change."""
 REMEMBERED_STEPS = 200
 """Ten seconds at 20 steps a second: longer than any window is waited for."""
 VALID_S = (LONGEST_VALID_S, 1.0, 0.5, 0.2, 0.0)
 """For so long set-points may be valid without news: the longest by which all keep apart."""
-SHORTEST_MPS = 0.1
-"""Differences of speed below this are not worth a word."""
-ASIDE = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
-SLOWER = (1.0, 0.5, 0.25)
-"""Shares of the speed with which a way round is looked for."""
+FEWER_VALID_S = (LONGEST_VALID_S, 0.5, 0.0)
+"""The same, where many ways are compared."""
+TURN_SHARES = (1.0, 0.5)
+"""Of its acceleration with which the formation may turn, where it may not at once."""
+UNHEARD_S = 0.25
+"""Who is known to have obeyed nothing for so long may not have heard that all turn."""
 
 
 class ListenInFlight:
@@ -89,17 +80,17 @@ class ListenInFlight:
             raise InputError("tracker_acceleration_mps2 = None is refused in flight: no vehicle turns at once")
         self._swarm, self._limits = swarm, limits
         self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
-        self._decision_s, self._acceleration_mps2 = scenario.decision_s, scenario.tracker_acceleration_mps2
+        self._decision_s = scenario.decision_s
         self._period_ns = round(1e9 / scenario.sampling_hz)
         self._interval_ns = round(1e9 * scenario.decision_s)
-        self._braking = Braking(BRAKING_SHARE * self._acceleration_mps2, self._acceleration_mps2)
         self._speed_mps = min(limits.highest_speed_mps, scenario.tracker_speed_mps)
-        self._center_m, self._velocity_mps = np.zeros(3), np.zeros(3)
-        self._wanted_mps, self._spacing_m, self._wanted_spacing_m = np.zeros(3), 0.0, 0.0
-        self._turned_rad = self._turn_rad_per_s = 0.0
-        """The cross, and how fast it turns."""
+        braking = Braking(BRAKING_SHARE * scenario.tracker_acceleration_mps2, scenario.tracker_acceleration_mps2)
+        self._braking, self._motion = braking, FormationMotion(braking, np.zeros(3), np.zeros(3), 0.0)
+        self._wanted_mps, self._wanted_spacing_m = np.zeros(3), 0.0
         self._stops = False
         """Whether all brake until they rest."""
+        self._flies_apart = True
+        """Whether all were far enough apart with set-points that are valid for longest."""
         self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
         """Who keeps whom from flying on, so that all stand."""
         self._behind_s = np.zeros(NUM_TRACKERS)
@@ -116,12 +107,12 @@ class ListenInFlight:
     @property
     def formation(self) -> Move | None:
         """Where it should be now; None before the first."""
-        return Move(self._center_m, self._spacing_m, (), "") if self.has_begun else None
+        return Move(self._motion.center_m, self._motion.spacing_m, (), "") if self.has_begun else None
 
     @property
     def turned_rad(self) -> float:
         """How far the cross has turned."""
-        return self._turned_rad
+        return self._motion.turned_rad
 
     @property
     def window_since_ns(self) -> int:
@@ -132,10 +123,9 @@ class ListenInFlight:
         """The trackers are around this centre, or come to rest ahead of it, and are listened to from soon on. Intervals
         begin half way between two samples, so that it is plain which belong to one.
         """
-        rest_m = formation.center_m + self._braking.rest_m(self._velocity_mps)
-        self._center_m, self._spacing_m, self.has_begun = rest_m, formation.spacing_m, True
-        self._turned_rad += self._led_rad()
-        self._velocity_mps, self._turn_rad_per_s = np.zeros(3), 0.0
+        rest_m = formation.center_m + self._braking.rest_m(self._motion.velocity_mps)
+        self._motion = FormationMotion(self._braking, rest_m, np.zeros(3), formation.spacing_m, self._motion.rest_rad)
+        self.has_begun = True
         self.stop()
         self._stops = False
         newest_ns = self._swarm.newest_sample_ns() or now_ns
@@ -145,7 +135,7 @@ class ListenInFlight:
 
     def stop(self) -> None:
         """Brake, and stay where that ends."""
-        self._stops, self._wanted_mps, self._wanted_spacing_m = True, np.zeros(3), self._spacing_m
+        self._stops, self._wanted_mps, self._wanted_spacing_m = True, np.zeros(3), self._motion.spacing_m
 
     def window(self, now_ns: int) -> Window | None:
         """What was heard in the interval that has ended, once it is there or was waited for; None before that."""
@@ -159,10 +149,12 @@ class ListenInFlight:
         rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._heard_m(rest_m), rest_m)
         since_s = (self._begins_ns - self._chase_ns) / 1e9
         self._begins_ns += self._interval_ns
-        turned_rad = self._turned_at_rad(self._begins_ns - self._interval_ns, _median(after_s))
+        # Who is not commanded has no times, and there is always one who is.
+        sampled_s = medians(after_s[:, np.isfinite(after_s).all(axis=0)].T)
+        turned_rad = self._turned_at_rad(self._begins_ns - self._interval_ns, sampled_s)
         place_m = self._places_m(self._swarm.counted_positions_m(position_m), turned_rad)
         rssi_dbm, position_m = self._swarm.window(rssi_dbm, position_m, place_m)
-        return Window(rssi_dbm, position_m, position_m[-1].mean(axis=0), since_s + _median(after_s))
+        return Window(rssi_dbm, position_m, position_m[-1].mean(axis=0), since_s + sampled_s)
 
     def _turned_at_rad(self, since_ns: int, after_s: Levels) -> Levels:
         """How far the cross had turned so long after this moment [sample]."""
@@ -174,8 +166,10 @@ class ListenInFlight:
         places_m = []
         for each_m, rad in zip(position_m, turned_rad.tolist(), strict=True):
             is_known = np.isfinite(each_m).any()
-            center_m = median_m(claimed_centers_m(each_m, self._spacing_m, rad)) if is_known else self._center_m
-            places_m.append(formation_m(center_m, self._spacing_m, rad))
+            center_m = (
+                median_m(claimed_centers_m(each_m, self._motion.spacing_m, rad)) if is_known else self._motion.center_m
+            )
+            places_m.append(formation_m(center_m, self._motion.spacing_m, rad))
         return np.stack(places_m)
 
     def pursue(self, displacement_m: Point, spacing_m: float, turn_rad: float = 0.0) -> str:
@@ -184,13 +178,14 @@ class ListenInFlight:
         """
         least_m, most_m = self._filter.spacing_range_m()
         if least_m > most_m:
-            self._wanted_mps, self._turn_rad_per_s = np.zeros(3), 0.0
+            self._wanted_mps, self._motion = np.zeros(3), replace(self._motion, turn_rad_per_s=0.0)
             return "all stay where they are: the fence has no room for the formation"
         self._wanted_spacing_m = min(max(spacing_m, least_m), most_m)
-        fastest_rad_per_s = CLOSING_MPS / max(self._spacing_m, self._wanted_spacing_m)
-        self._turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s)
+        fastest_rad_per_s = CLOSING_MPS / max(self._motion.spacing_m, self._wanted_spacing_m)
+        turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s)
+        self._motion = replace(self._motion, turn_rad_per_s=turn_rad_per_s)
         told_mps = displacement_m / self._decision_s
-        within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps))
+        within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps), self._motion)
         self._wanted_mps = self._around_mps(within_mps)
         in_the_way = ", ".join(map(str, np.flatnonzero(self._in_the_way)))
         changes = [
@@ -202,13 +197,13 @@ class ListenInFlight:
         ]
         return "; ".join(words for changed, words in changes if changed)
 
-    def _within_fence_mps(self, velocity_mps: Point) -> Point:
+    def _within_fence_mps(self, velocity_mps: Point, motion: FormationMotion) -> Point:
         """This velocity, on each axis no faster than it comes to rest before the fence."""
-        reach_m = self._spacing_m + ROOM_M
+        reach_m = motion.spacing_m + ROOM_M
         speed_mps = max(float(np.linalg.norm(velocity_mps)), 1e-9)
-        step_m = np.abs(self._velocity_mps) * self._decision_s / 2
-        up_m = np.maximum(self._limits.high_m - reach_m - self._center_m - step_m, 0.0)
-        down_m = np.maximum(self._center_m - self._limits.low_m - reach_m - step_m, 0.0)
+        step_m = np.abs(motion.velocity_mps) * self._decision_s / 2
+        up_m = np.maximum(self._limits.high_m - reach_m - motion.center_m - step_m, 0.0)
+        down_m = np.maximum(motion.center_m - self._limits.low_m - reach_m - step_m, 0.0)
         most = 2 * self._braking.nominal_mps2 / speed_mps
         return np.asarray(np.clip(velocity_mps, -most * down_m, most * up_m))
 
@@ -218,7 +213,7 @@ class ListenInFlight:
         places_m = np.where(self._swarm.stream.commanded[:, None], places_m, np.nan)
         if not len(obstacles_m):
             return velocity_mps
-        for other_mps in _others_mps(velocity_mps):
+        for other_mps in others_mps(velocity_mps):
             end_m = places_m + other_mps * self._decision_s + self._braking.rest_m(other_mps)
             if is_clear(places_m, end_m, obstacles_m, self._limits.minimum_separation_m, ROOM_M):
                 return other_mps
@@ -231,70 +226,165 @@ class ListenInFlight:
         if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
             return
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
-        now_m, rest_m = swarm.places_now_m(), self._rest_m()
-        before_m, goal_before_m = stream.set_point_m, self._goal_m()
-        state = self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad
-        closing_mps = max(CLOSING_MPS, self._speed_mps - float(np.linalg.norm(self._velocity_mps)))
-        brakes = self._stops or self._waits(now_m, elapsed_s)
-        if brakes:
-            self._brake(elapsed_s)
-        else:
-            self._fly_on(elapsed_s)
-        offset_m = _nearer(before_m - goal_before_m, closing_mps * elapsed_s)
-        led_m = rest_m + _shortened_each(self._goal_m() + offset_m - rest_m, MOST_AHEAD_M)
-        following_m = self._fenced_m(led_m, before_m)
-        moves_mps = np.zeros(3) if brakes else self._goals_mps()
-        orders = self._orders(before_m, following_m, moves_mps)
-        separation_m = self._limits.minimum_separation_m
         older = self._told.older(swarm.now_ns, swarm.obeyed_ns())
-        # Most of the time all are far enough apart with those that are valid for longest.
-        least_m = least_apart_m(seen, orders.only(1), older, self._braking, separation_m)
-        chosen: TrackerNumbers | None = np.zeros(NUM_TRACKERS, dtype=np.int64)
-        if (least_m < separation_m).any():
-            least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
-            chosen = longest_free(least_m[0], least_m[1:], separation_m)
         self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
-        if chosen is not None:
-            stream.set_point_m = following_m
-            valid_s = orders.valid_s[1 + chosen, range(NUM_TRACKERS)]
-            if np.linalg.norm(moves_mps) > SHORTEST_MPS:
-                stream.onward = Onward(moves_mps, valid_s, self._braking)
+        brakes = self._stops or self._waits(swarm.places_now_m(), elapsed_s)
+        wanted = self._way(None if brakes else self._wanted_mps, elapsed_s)
+        # Most of the time all are far enough apart with those that are valid for longest.
+        if self._flies_apart:
+            least_m = self._least_apart_m(seen, [wanted], VALID_S[:1], older)
+            self._flies_apart = bool((least_m >= self._limits.minimum_separation_m).all())
+        if self._flies_apart:
+            self._go(wanted, np.full(NUM_TRACKERS, LONGEST_VALID_S))
         else:
-            # The set-points stay: by that all brake, and the formation with them.
-            self._center_m, self._velocity_mps, self._spacing_m, self._turned_rad = state
-            self._brake(elapsed_s)
-            too_near = blocked(least_m[0], separation_m - INTRUSION_M) & stream.commanded
-            if too_near.any():
-                stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
-                stream.pulled_back += 1
-            elif not brakes and np.linalg.norm(self._velocity_mps) <= SHORTEST_MPS:
-                is_in_the_way = (least_m[-1] < separation_m) & (least_m[-1] < least_m[0] - ROUNDING_M)
-                self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
-                # Nobody would move any more otherwise.
-                ways = ways_aside(is_in_the_way, now_m, separation_m)
-                aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
-                stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
+            least_m = self._least_apart_m(seen, [wanted], VALID_S, older)
+            self._flies_apart = bool((least_m[1] >= self._limits.minimum_separation_m).all())
+            if not (
+                self._go_free(seen, least_m, [wanted], VALID_S, older)
+                or self._go_another_way(seen, brakes, least_m, elapsed_s, older)
+            ):
+                self._stay(seen, brakes, least_m, elapsed_s, older)
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
-        self._turns.append((swarm.now_ns, self._turned_rad))
+        self._turns.append((swarm.now_ns, self._motion.turned_rad))
 
-    def _orders(self, before_m: Points, following_m: Points, moves_mps: Point) -> Orders:
-        """What may be sent: the set-points of before, by which all brake; the next ones, valid for shorter and
-        shorter.
+    def _go_another_way(
+        self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders
+    ) -> bool:
+        """Where it may not go as it is wanted to: the same, or turning less, or slower; in each case those that are too
+        near to one another further apart. While one of them has not heard of late, which flies straight on, all do
+        rather than to brake. Whether any of it is free.
         """
-        velocity_mps = np.zeros((1 + len(VALID_S), NUM_TRACKERS, 3))
-        velocity_mps[1:] = moves_mps
-        valid_s = np.zeros((1 + len(VALID_S), NUM_TRACKERS))
-        valid_s[1:] = np.minimum(np.array(VALID_S)[:, None], self._inside_s(following_m, moves_mps))
-        rest_m = np.stack([before_m] + [following_m] * len(VALID_S))
-        return Orders(rest_m, velocity_mps, valid_s, np.zeros_like(valid_s))
+        in_the_way, motion = self._keeps_apart(wanted_least_m), self._motion
+        are_led = all(self._swarm.stream.commanded[tracker[in_the_way]].all() for tracker in PAIRS)
+        aside_m = CLOSING_MPS * elapsed_s * ways_apart(in_the_way, self._swarm.places_now_m())
+        aside = _Aside(aside_m, stays=not are_led)
+        wanted = [] if brakes else [self._way(self._wanted_mps, elapsed_s, aside, share) for share in TURN_SHARES]
+        unheard = any(self._has_not_heard()[tracker[in_the_way]].any() for tracker in PAIRS)
+        straight = [self._way(motion.velocity_mps, elapsed_s, aside)] if unheard and not brakes else []
+        if motion.speed_mps > SHORTEST_MPS:
+            ways = [*wanted, *straight, self._way(None, elapsed_s, aside)]
+        else:
+            # Those that stand go round each other instead, but not round one that is not led.
+            ways = [] if are_led else wanted
+        if not ways:
+            return False
+        *longer_s, shortest_s = FEWER_VALID_S
+        before_m, *ways_m = self._least_apart_m(seen, ways, [shortest_s], older)
+        for way, way_m in zip(ways, ways_m, strict=True):
+            if longest_free(before_m, way_m[None], self._limits.minimum_separation_m) is not None:
+                longer_m = self._least_apart_m(seen, [way], longer_s, older)
+                return self._go_free(seen, np.vstack([longer_m, way_m]), [way], FEWER_VALID_S, older)
+        return False
 
-    def _goals_mps(self) -> Point:
-        """With which the goals move on, as it is meant now: on average over as long as a set-point may be valid."""
-        center_m, velocity_mps = self._flown(
-            self._within_fence_mps(self._wanted_mps), LONGEST_VALID_S, self._acceleration_mps2
-        )
-        rest_m = self._center_m + self._braking.rest_m(self._velocity_mps)
-        return np.asarray((center_m + self._braking.rest_m(velocity_mps) - rest_m) / LONGEST_VALID_S)
+    def _has_not_heard(self) -> Flags:
+        """Who is not known to have obeyed anything of late [tracker]."""
+        oldest_ns = self._swarm.now_ns - UNHEARD_S * 1e9
+        return np.array([time_ns is None or time_ns < oldest_ns for time_ns in self._swarm.obeyed_ns()])
+
+    def _stay(self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders) -> None:
+        """The set-points stay: by that all brake, and the formation with them. Those who come too near to somebody stop
+        as soon as they can; where all stand, those in each other's way go round each other.
+        """
+        stream, before_m, now_m = self._swarm.stream, self._swarm.stream.set_point_m, self._swarm.places_now_m()
+        self._motion = self._motion.braked(elapsed_s)
+        separation_m = self._limits.minimum_separation_m
+        too_near = blocked(wanted_least_m[0], separation_m - INTRUSION_M) & stream.commanded
+        if too_near.any():
+            stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
+            stream.pulled_back += 1
+        elif not brakes and self._motion.speed_mps <= SHORTEST_MPS:
+            is_in_the_way = self._keeps_apart(wanted_least_m)
+            self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
+            # Nobody would move any more otherwise.
+            ways = ways_aside(is_in_the_way, now_m, separation_m)
+            aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
+            stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
+
+    def _keeps_apart(self, least_m: Levels) -> Flags:
+        """Which pairs the last of these sets brings too near, or nearer than the first [pair]."""
+        return np.asarray((least_m[-1] < self._limits.minimum_separation_m) & (least_m[-1] < least_m[0] - ROUNDING_M))
+
+    def _way(
+        self, wanted_mps: Point | None, elapsed_s: float, aside: "_Aside | None" = None, turn_share: float = 1.0
+    ) -> "_Way":
+        """How the formation goes on for this long, to fly so fast or, told None, to brake; those that are not in their
+        places come nearer to them, and aside.
+
+        Args:
+            turn_share: Of its acceleration.
+        """
+        before_m, rest_m, motion = self._swarm.stream.set_point_m, self._rest_m(), self._motion
+        closing_mps = max(CLOSING_MPS, self._speed_mps - motion.speed_mps)
+        offset_m = before_m - motion.goals_m
+        nearer_m = _nearer(offset_m, closing_mps * elapsed_s)
+        if aside is not None:
+            goes_aside = aside.way_m.any(axis=1, keepdims=True)
+            nearer_m = np.where(goes_aside & aside.stays, offset_m, nearer_m) + aside.way_m
+        if wanted_mps is None:
+            motion, moves_mps = motion.braked(elapsed_s), np.zeros(3)
+        else:
+            within_mps = self._within_fence_mps(wanted_mps, motion)
+            motion = motion.flown(within_mps, self._wanted_spacing_m, elapsed_s, turn_share)
+            moves_mps = motion.goals_mps(self._within_fence_mps(wanted_mps, motion))
+        led_m = rest_m + _shortened_each(motion.goals_m + nearer_m - rest_m, MOST_AHEAD_M)
+        return _Way(motion, self._fenced_m(led_m, before_m), moves_mps)
+
+    def _least_apart_m(
+        self, seen: Seen, ways: "Sequence[_Way]", valid_s: Sequence[float | Levels], older: Orders
+    ) -> Levels:
+        """How near each two come by the set-points of before, by which all brake; then by those of each way, valid for
+        shorter and shorter [set, pair].
+        """
+        before_m = self._swarm.stream.set_point_m
+        rest_m, velocity_mps, valids_s = [before_m], [np.zeros((NUM_TRACKERS, 3))], [np.zeros(NUM_TRACKERS)]
+        for way in ways:
+            inside_s = self._inside_s(way.rest_m, way.moves_mps)
+            rest_m += [way.rest_m] * len(valid_s)
+            velocity_mps += [np.tile(way.moves_mps, (NUM_TRACKERS, 1))] * len(valid_s)
+            valids_s += [np.minimum(seconds, inside_s) for seconds in valid_s]
+        since_s = np.zeros((len(rest_m), NUM_TRACKERS))
+        orders = Orders(np.array(rest_m), np.array(velocity_mps), np.array(valids_s), since_s)
+        return least_apart_m(seen, orders, older, self._braking, self._limits.minimum_separation_m)
+
+    def _go_free(
+        self, seen: Seen, least_m: Levels, ways: "Sequence[_Way]", valid_s: tuple[float, ...], older: Orders
+    ) -> bool:
+        """Go the first of these ways on which all keep apart, if there is one; whether there is.
+
+        Args:
+            least_m: As ``_least_apart_m`` has it.
+        """
+        num_valid, separation_m = len(valid_s), self._limits.minimum_separation_m
+        for number, way in enumerate(ways):
+            after_m = least_m[1 + number * num_valid : 1 + (number + 1) * num_valid]
+            chosen = longest_free(least_m[0], after_m, separation_m)
+            if chosen is None:
+                continue
+            way_valid_s = np.array(valid_s)[chosen]
+            if chosen.any():
+                # One that flies ahead and hears nothing would otherwise brake, and have all brake behind it.
+                behind = longest_free(
+                    least_m[0],
+                    after_m,
+                    separation_m,
+                    those_behind(self._swarm.places_now_m(), self._motion.velocity_mps),
+                )
+                assert behind is not None
+                if (behind < chosen).any():
+                    longer_s = np.array(valid_s)[behind]
+                    longer_m = self._least_apart_m(seen, [way], [longer_s], older)
+                    if longest_free(longer_m[0], longer_m[1:], separation_m) is not None:
+                        way_valid_s = longer_s
+            self._go(way, way_valid_s)
+            return True
+        return False
+
+    def _go(self, way: "_Way", valid_s: Levels) -> None:
+        """Go this way, with set-points that are valid for so long [tracker]."""
+        self._motion, self._swarm.stream.set_point_m = way.motion, way.rest_m
+        if np.linalg.norm(way.moves_mps) > SHORTEST_MPS:
+            inside_s = self._inside_s(way.rest_m, way.moves_mps)
+            self._swarm.stream.onward = Onward(way.moves_mps, np.minimum(valid_s, inside_s), self._braking)
 
     def _inside_s(self, rest_m: Points, moves_mps: Point) -> Levels:
         """For how long these places may move on inside the fence [tracker]."""
@@ -302,54 +392,21 @@ class ListenInFlight:
         left_s = np.maximum(room_m, 0.0) / np.maximum(np.abs(moves_mps), 1e-9)
         return np.asarray(np.nan_to_num(left_s).min(axis=1))
 
-    def _fly_on(self, elapsed_s: float) -> None:
-        wanted_mps = self._within_fence_mps(self._wanted_mps)
-        self._change(wanted_mps, elapsed_s, self._acceleration_mps2)
-        most_m = SPREADING_MPS * elapsed_s
-        self._spacing_m += min(max(self._wanted_spacing_m - self._spacing_m, -most_m), most_m)
-        self._turned_rad += self._turn_rad_per_s * elapsed_s
-
-    def _brake(self, elapsed_s: float) -> None:
-        """The goals of all stay where they are."""
-        led_rad = self._led_rad()
-        self._change(np.zeros(3), elapsed_s, self._braking.nominal_mps2)
-        self._turned_rad += led_rad - self._led_rad()
-
-    def _change(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> None:
-        self._center_m, self._velocity_mps = self._flown(wanted_mps, elapsed_s, acceleration_mps2)
-
-    def _flown(self, wanted_mps: Point, elapsed_s: float, acceleration_mps2: float) -> tuple[Point, Point]:
-        """Where the centre gets, and how fast it is then."""
-        before_m, before_mps, wanted = (
-            torch.from_numpy(vector)[None] for vector in (self._center_m, self._velocity_mps, wanted_mps)
-        )
-        seconds = torch.tensor([elapsed_s], dtype=torch.float64)
-        center_m, velocity_mps = flown(before_m, before_mps, wanted, seconds, acceleration_mps2)
-        return center_m[0].numpy(), velocity_mps[0].numpy()
-
-    def _goal_m(self) -> Points:
-        """Where the trackers of the formation come to rest if they brake now."""
-        rest_m = self._center_m + self._braking.rest_m(self._velocity_mps)
-        return formation_m(rest_m, self._spacing_m, self._turned_rad + self._led_rad())
-
-    def _led_rad(self) -> float:
-        """How far the cross turns until they rest, which takes v / 2 b at the speed of now."""
-        return self._turn_rad_per_s * float(np.linalg.norm(self._velocity_mps)) / (2 * self._braking.nominal_mps2)
-
     def _fenced_m(self, point_m: Points, before_m: Points) -> Points:
         """Inside the fence, or no further out than before."""
         low_m, high_m = np.minimum(self._limits.low_m, before_m), np.maximum(self._limits.high_m, before_m)
         return np.asarray(np.clip(point_m, low_m, high_m))
 
     def _heard_m(self, rest_m: Points) -> Points:
-        """Of the set-points that each may have heard last, where they are now: the one next to where it comes to rest
-        [tracker, 3]; NaN where it is not commanded. Who flies on by an older one is not astray.
+        """Of all set-points that each may have heard last, where they are now: the one next to where it comes to rest
+        [tracker, 3]; NaN where it is not commanded. Who flies on by an older one is not astray, nor is one that has
+        heard nothing for so long that it holds by itself: then there is none.
         """
-        set_point_m = self._swarm.stream.set_point_m
-        older = self._told.older(self._swarm.now_ns, self._swarm.obeyed_ns())
-        told_m = np.concatenate([set_point_m[None], older.rest_at_m(np.zeros(NUM_TRACKERS))])
-        off_m = np.nan_to_num(np.linalg.norm(told_m - rest_m, axis=2), nan=np.inf)
-        return np.where(np.isfinite(set_point_m), told_m[off_m.argmin(axis=0), range(NUM_TRACKERS)], np.nan)
+        set_point_m, now_ns, obeyed_ns = self._swarm.stream.set_point_m, self._swarm.now_ns, self._swarm.obeyed_ns()
+        nearest_m = self._told.nearest_m(now_ns, obeyed_ns, rest_m)
+        holds = np.array([time_ns is not None and now_ns - time_ns > KEPT_S * 1e9 for time_ns in obeyed_ns])
+        told_m = np.where(np.isfinite(set_point_m) & np.isfinite(nearest_m), nearest_m, set_point_m)
+        return np.where(holds[:, None], np.nan, told_m)
 
     def _fresh_rest_m(self) -> Points:
         """The same as ``_rest_m``; NaN where it was not seen of late: who says nothing contradicts nobody."""
@@ -362,8 +419,7 @@ class ListenInFlight:
 
     def _waits(self, now_m: Points, elapsed_s: float) -> bool:
         """Whether the formation waits for those that count and are not in their places."""
-        place_m = formation_m(self._center_m, self._spacing_m, self._turned_rad)
-        is_behind = np.linalg.norm(now_m - place_m, axis=1) > MOST_BEHIND_M
+        is_behind = np.linalg.norm(now_m - self._motion.places_m, axis=1) > MOST_BEHIND_M
         self._behind_s = np.where(is_behind, self._behind_s + elapsed_s, 0.0)
         counted = self._swarm.counted()
         num_awaited = int((is_behind & (self._behind_s < WAITS_S))[counted].sum())
@@ -392,21 +448,26 @@ class ListenInFlight:
         return np.where((too_near & is_shorter)[:, None], self._fenced_m(stop_m, set_point_m), set_point_m)
 
 
-def _others_mps(velocity_mps: Point) -> Iterator[Point]:
-    """A velocity, then others next to it: aside, slower, aside and slower."""
-    speed_mps = float(np.linalg.norm(velocity_mps))
-    for share in SLOWER:
-        yield share * velocity_mps
-        for aside in ASIDE:
-            turned_mps = velocity_mps + speed_mps * aside
-            length_mps = float(np.linalg.norm(turned_mps))
-            if length_mps > SHORTEST_MPS:
-                yield share * speed_mps / length_mps * turned_mps
+@dataclass(frozen=True, eq=False)
+class _Aside:
+    """Who goes which way in a step beside that of the formation."""
+
+    way_m: Points
+    """[tracker, 3]"""
+    stays: bool
+    """Whether those that do come no nearer to their places meanwhile."""
 
 
-def _median(after_s: Levels) -> Levels:
-    """Over those that know it [sample]; there is always one."""
-    return np.asarray(np.nanmedian(after_s, axis=1))
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """That a formation may go in a step."""
+
+    motion: FormationMotion
+    """At its end."""
+    rest_m: Points
+    """The set-points then,"""
+    moves_mps: Point
+    """and how they move on."""
 
 
 def _nearer(offset_m: Points, step_m: float) -> Points:

@@ -126,14 +126,20 @@ def _stray_m(way_m: Points, velocity_mps: Points) -> Levels:
 
 def segments_apart_m(one_m: Points, one_end_m: Points, other_m: Points, other_end_m: Points) -> Levels:
     """The least distance of each two segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    # Axis by axis: it takes half the time.
+    one_m, one_end_m, other_m, other_end_m = (
+        np.ascontiguousarray(ends_m.T) for ends_m in (one_m, one_end_m, other_m, other_end_m)
+    )
     one_way_m, other_way_m, between_m = one_end_m - one_m, other_end_m - other_m, one_m - other_m
-    a, e = (one_way_m**2).sum(axis=1), (other_way_m**2).sum(axis=1)
+    a, e = (one_way_m * one_way_m).sum(axis=0), (other_way_m * other_way_m).sum(axis=0)
     b, c, f = (
-        (x * y).sum(axis=1) for x, y in ((one_way_m, other_way_m), (one_way_m, between_m), (other_way_m, between_m))
+        (x * y).sum(axis=0) for x, y in ((one_way_m, other_way_m), (one_way_m, between_m), (other_way_m, between_m))
     )
     determinant = a * e - b * b
     is_skew = determinant > 1e-12 * a * e
-    s = np.clip(np.where(is_skew, (b * f - c * e) / np.where(is_skew, determinant, 1.0), 0.0), 0.0, 1.0)
-    t = np.clip((b * s + f) / np.where(e > 0, e, 1.0), 0.0, 1.0)
-    s = np.clip((b * t - c) / np.where(a > 0, a, 1.0), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(between_m + s[:, None] * one_way_m - t[:, None] * other_way_m, axis=1))
+    s = np.where(is_skew, (b * f - c * e) / np.where(is_skew, determinant, 1.0), 0.0)
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
+    t = np.minimum(np.maximum((b * s + f) / np.where(e > 0, e, 1.0), 0.0), 1.0)
+    s = np.minimum(np.maximum((b * t - c) / np.where(a > 0, a, 1.0), 0.0), 1.0)
+    apart_m = between_m + s * one_way_m - t * other_way_m
+    return np.asarray(np.sqrt((apart_m * apart_m).sum(axis=0)))

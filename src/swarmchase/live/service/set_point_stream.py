@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenario import NUM_TRACKERS
-from .flight_separation import Onward
+from .orders import Onward
 from .safety import Legs, SafetyLimits
 from .sample_window import Point, Points
 from .separation import Traffic, stopping_m
