@@ -5,6 +5,7 @@ trackers and simulated ones.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from ..batch.freed_memory import keep_freed_memory
 from ..controllers.protocol import Controller
 from ..processes.stop_request import StopRequest
 from ..scenario import Scenario
@@ -88,6 +89,7 @@ class Session:
             stay: see ``ServeLoop``.
             watchers: see the service after every step, before the audience does.
         """
+        keep_freed_memory()  # a decision would wait for its pages again and again
         assignment, audience = self._assignment, self._audience
         service = ControllerService(
             assignment.scenario,
