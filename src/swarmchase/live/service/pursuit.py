@@ -5,8 +5,8 @@ scenario's acceleration permits. What is sent are positions along the way: each 
 to rest, braking evenly, if it hears nothing more, that is v^2 / 2 b ahead of where it should be now. A vehicle that
 brakes in time for it is, on the way, as fast as the formation; one that hears nothing more stops by itself.
 
-The cross turns as the controller says, as far as those that fly ahead of it keep up (``CLOSING_MPS``); each is told the
-place that is its own when it comes to rest.
+The cross turns as the controller says, as far as those that fly ahead of it keep up (``CLOSING_MPS``) and while nobody
+is without news; each is told the place that is its own when it comes to rest.
 
 Set-points go on only if all keep apart, whoever of them stops (``flight_separation``); where they may not, those that
 are too near move apart, and the formation turns less, flies on straight or brakes; where not even that is free, they
@@ -65,6 +65,9 @@ TURN_SHARES = (1.0, 0.5)
 """Of its acceleration with which the formation may turn, where it may not at once."""
 UNHEARD_S = 0.25
 """Who is known to have obeyed nothing for so long may not have heard that all turn."""
+CALM_S = 2.0
+"""The cross turns only while this has been nobody's case for so long: one that goes on without news while the others
+turn comes into their ways."""
 
 
 class ListenInFlight:
@@ -93,6 +96,8 @@ class ListenInFlight:
         """Whether all were far enough apart with set-points that are valid for longest."""
         self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
         """Who keeps whom from flying on, so that all stand."""
+        self._unheard_ns = 0
+        """When somebody last was without news."""
         self._behind_s = np.zeros(NUM_TRACKERS)
         """So long each has not been in its place."""
         self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
@@ -182,7 +187,8 @@ class ListenInFlight:
             return "all stay where they are: the fence has no room for the formation"
         self._wanted_spacing_m = min(max(spacing_m, least_m), most_m)
         fastest_rad_per_s = CLOSING_MPS / max(self._motion.spacing_m, self._wanted_spacing_m)
-        turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s)
+        is_calm = self._swarm.now_ns - self._unheard_ns >= CALM_S * 1e9
+        turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s) * is_calm
         self._motion = replace(self._motion, turn_rad_per_s=turn_rad_per_s)
         told_mps = displacement_m / self._decision_s
         within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps), self._motion)
@@ -225,6 +231,8 @@ class ListenInFlight:
         elapsed_s, stream.onward = min(max(elapsed_s, 0.0), LONGEST_STEP_S), None
         if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
             return
+        if self._has_not_heard()[stream.commanded].any():
+            self._unheard_ns, self._motion = swarm.now_ns, replace(self._motion, turn_rad_per_s=0.0)
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
         older = self._told.older(swarm.now_ns, swarm.obeyed_ns())
         self._in_the_way = np.zeros(NUM_TRACKERS, dtype=np.bool_)
