@@ -248,7 +248,7 @@ class ListenInFlight:
             least_m = self._least_apart_m(seen, [wanted], VALID_S, older)
             self._flies_apart = bool((least_m[1] >= self._limits.minimum_separation_m).all())
             if not (
-                self._go_free(seen, least_m, [wanted], VALID_S, older)
+                self._go_free(seen, least_m, wanted, VALID_S, older)
                 or self._go_another_way(seen, brakes, least_m, elapsed_s, older)
             ):
                 self._stay(seen, brakes, least_m, elapsed_s, older)
@@ -281,7 +281,7 @@ class ListenInFlight:
         for way, way_m in zip(ways, ways_m, strict=True):
             if longest_free(before_m, way_m[None], self._limits.minimum_separation_m) is not None:
                 longer_m = self._least_apart_m(seen, [way], longer_s, older)
-                return self._go_free(seen, np.vstack([longer_m, way_m]), [way], FEWER_VALID_S, older)
+                return self._go_free(seen, np.vstack([longer_m, way_m]), way, FEWER_VALID_S, older)
         return False
 
     def _has_not_heard(self) -> Flags:
@@ -354,38 +354,29 @@ class ListenInFlight:
         orders = Orders(np.array(rest_m), np.array(velocity_mps), np.array(valids_s), since_s)
         return least_apart_m(seen, orders, older, self._braking, self._limits.minimum_separation_m)
 
-    def _go_free(
-        self, seen: Seen, least_m: Levels, ways: "Sequence[_Way]", valid_s: tuple[float, ...], older: Orders
-    ) -> bool:
-        """Go the first of these ways on which all keep apart, if there is one; whether there is.
+    def _go_free(self, seen: Seen, least_m: Levels, way: "_Way", valid_s: tuple[float, ...], older: Orders) -> bool:
+        """Go this way, with set-points that are valid for as long as all keep apart; whether they do at all.
 
         Args:
             least_m: As ``_least_apart_m`` has it.
         """
-        num_valid, separation_m = len(valid_s), self._limits.minimum_separation_m
-        for number, way in enumerate(ways):
-            after_m = least_m[1 + number * num_valid : 1 + (number + 1) * num_valid]
-            chosen = longest_free(least_m[0], after_m, separation_m)
-            if chosen is None:
-                continue
-            way_valid_s = np.array(valid_s)[chosen]
-            if chosen.any():
-                # One that flies ahead and hears nothing would otherwise brake, and have all brake behind it.
-                behind = longest_free(
-                    least_m[0],
-                    after_m,
-                    separation_m,
-                    those_behind(self._swarm.places_now_m(), self._motion.velocity_mps),
-                )
-                assert behind is not None
-                if (behind < chosen).any():
-                    longer_s = np.array(valid_s)[behind]
-                    longer_m = self._least_apart_m(seen, [way], [longer_s], older)
-                    if longest_free(longer_m[0], longer_m[1:], separation_m) is not None:
-                        way_valid_s = longer_s
-            self._go(way, way_valid_s)
-            return True
-        return False
+        separation_m = self._limits.minimum_separation_m
+        chosen = longest_free(least_m[0], least_m[1:], separation_m)
+        if chosen is None:
+            return False
+        way_valid_s = np.array(valid_s)[chosen]
+        if chosen.any():
+            # One that flies ahead and hears nothing would otherwise brake, and have all brake behind it.
+            those = those_behind(self._swarm.places_now_m(), self._motion.velocity_mps)
+            behind = longest_free(least_m[0], least_m[1:], separation_m, those)
+            assert behind is not None
+            if (behind < chosen).any():
+                longer_s = np.array(valid_s)[behind]
+                longer_m = self._least_apart_m(seen, [way], [longer_s], older)
+                if longest_free(longer_m[0], longer_m[1:], separation_m) is not None:
+                    way_valid_s = longer_s
+        self._go(way, way_valid_s)
+        return True
 
     def _go(self, way: "_Way", valid_s: Levels) -> None:
         """Go this way, with set-points that are valid for so long [tracker]."""
