@@ -322,6 +322,35 @@ def test_who_may_be_commanded() -> None:
     assert not record.may_be_commanded(tracker.now_ns)
 
 
+@pytest.mark.parametrize(
+    ("said_s", "delay_s", "now_s", "is_awaited"),
+    [
+        # A window of ten samples, 0.1 s apart, the last at 1.9 s, from one that reports 20 times a second.
+        ((1.8, 1.85), 0.0, 1.90, True),
+        ((1.8, 1.85), 0.0, 1.92, True),
+        ((1.8, 1.85), 0.0, 1.93, False),  # quiet: what a gap has swallowed does not come
+        ((1.85, 1.9), 0.0, 1.90, False),  # all of it is there
+        # The same over a link that is 0.3 s late: while anything comes the rest will.
+        ((1.7, 1.75, 1.8), 0.3, 2.15, True),
+        ((1.7, 1.75, 1.8), 0.3, 2.18, False),
+        ((1.7, 1.75, 1.8, 1.85, 1.9), 0.3, 2.2, False),
+    ],
+)
+def test_the_rest_of_a_window_is_awaited_while_anything_comes(
+    said_s: tuple[float, ...], delay_s: float, now_s: float, is_awaited: bool
+) -> None:
+    record = TrackerRecord(SCENARIO)
+    tracker = Tracker(record, clock_ns=0, delay_ns=round(delay_s * S))
+    tracker.at(0).says(tracker.lives())
+    for time_s in said_s:
+        tracker.at(math.floor(10 * time_s + 1e-6) / 10)
+        heard = tracker.hears(*[-50.0] * 10)
+        tracker.at(time_s).says(heard, tracker.is_at(0, 0, 0))
+    # By the controller's clock, on which a late tracker's moments are as late.
+    since_ns = round((0.95 + delay_s) * S)
+    assert record.awaits_flown_window(since_ns, round(now_s * S)) == is_awaited
+
+
 def test_each_sample_has_the_place_where_it_was_taken() -> None:
     """Positions at 1 s and 2 s, half way in between at 1.5 s, by a clock an age ahead."""
     record = TrackerRecord(SCENARIO)

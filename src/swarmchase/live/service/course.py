@@ -17,9 +17,12 @@ from .second_transmitter import SecondTransmitter
 from .settings import ServiceSettings
 
 END_GAME_M = 10.0
-"""Where it is known so well where a target is that is pursued, the swarm brakes before it as if it followed: decisions
-are late, and at full speed it is passed by 3 m as often as by 2, to be turned round for. Half the longest axis of the
-belief's region."""
+"""Where it is known so well where a target is that is pursued, the swarm flies to where that will be, for a decision is
+carried out late: it brakes before the target as if it followed, since at full speed it is passed by 3 m as often as by
+2, to be turned round for. Half the longest axis of the belief's region."""
+FLEES_MPS, FLEES_COS = 1.0, 0.7
+"""But one that flies away from the swarm, at least so fast and within 45 degrees of straight away, is flown at at full
+speed: whoever keeps as near to one that flees as it is believed to be keeps its distance from it."""
 CAUGHT = "most of the belief and the levels are those of a target within the radius"
 
 
@@ -112,19 +115,28 @@ class FlightCourse:
             target_mps = np.zeros(3) if target.velocity_mps is None else target.velocity_mps[0].numpy()
             target_m = target.mean_m[0].numpy() + target_mps * since_s
             way_m = self.following.displacement_m(target_m, target_mps, center_m)
-            if self.state is ChaseState.FOLLOWING or (self._is_near(target) and self._is_slower(way_m)):
+            if self.state is ChaseState.FOLLOWING:
                 return way_m, spacing_m
+            if float(target.radius_m[0]) <= END_GAME_M:
+                offset_m = target_m - center_m
+                return self._ahead_m(offset_m, target_mps) if _flees(offset_m, target_mps) else way_m, spacing_m
         if self._searches_blindly(window):
             assert self._spiral is not None
             return self._spiral.displacement_m(window.center_m), self._spiral.spacing_m
         return told_m, spacing_m
 
-    def _is_near(self, target: Belief) -> bool:
-        return float(target.radius_m[0]) <= END_GAME_M
-
-    def _is_slower(self, way_m: Point) -> bool:
-        most_m = self._scenario.tracker_speed_mps * self._scenario.decision_s
-        return float(np.linalg.norm(way_m)) < most_m * (1 - 1e-6)
+    def _ahead_m(self, offset_m: Point, target_mps: Point) -> Point:
+        """At full speed to where a target at this offset will be half way through the interval."""
+        way_m = offset_m + target_mps * self._scenario.decision_s / 2
+        longest_m = self._scenario.tracker_speed_mps * self._scenario.decision_s
+        return np.asarray(way_m * (longest_m / max(float(np.linalg.norm(way_m)), 1e-9)))
 
     def _searches_blindly(self, window: Window) -> bool:
         return self.state is ChaseState.SEARCHING and not np.isfinite(window.rssi_dbm).any()
+
+
+def _flees(offset_m: Point, target_mps: Point) -> bool:
+    """Whether a target at this offset from the swarm flies away from it."""
+    speed_mps = float(np.linalg.norm(target_mps))
+    away_mps = float(offset_m @ target_mps) / max(float(np.linalg.norm(offset_m)), 1e-9)
+    return speed_mps >= FLEES_MPS and away_mps >= FLEES_COS * speed_mps

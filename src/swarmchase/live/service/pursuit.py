@@ -40,7 +40,7 @@ BRAKING_SHARE = 0.8
 FIRST_WINDOW_S = 0.3
 """So long before it begins a chase's first window is announced."""
 PATIENCE_S = 0.25
-"""After the end of an interval what trackers heard in it is waited for so long."""
+"""After the end of an interval what trackers heard in it is waited for so long, from those of which anything comes."""
 CLOSING_MPS = 2.0
 """With which a tracker that is not in its place comes there at least, beside the formation's own speed. No faster do
 they go round, either."""
@@ -145,7 +145,7 @@ class ListenInFlight:
     def window(self, now_ns: int) -> Window | None:
         """What was heard in the interval that has ended, once it is there or was waited for; None before that."""
         late_ns = now_ns - self._begins_ns - self._interval_ns
-        if late_ns < 0 or (late_ns < PATIENCE_S * 1e9 and not self._swarm.has_flown_window(self._begins_ns)):
+        if late_ns < 0 or (late_ns < PATIENCE_S * 1e9 and self._swarm.awaits_flown_window(self._begins_ns)):
             return None
         # After a pause of the loop what is old is left out.
         self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
@@ -298,8 +298,12 @@ class ListenInFlight:
         separation_m = self._limits.minimum_separation_m
         too_near = blocked(wanted_least_m[0], separation_m - INTRUSION_M) & stream.commanded
         if too_near.any():
-            stream.set_point_m = self._pulled_back_m(too_near, seen.traffic, now_m)
-            stream.pulled_back += 1
+            pulled_back_m = self._pulled_back_m(too_near, seen.traffic, now_m)
+            # Where somebody was last seen long ago it would stop at a place that it is not on its way to.
+            stay_m, pull_m = self._least_at_rest_m(seen, np.stack([before_m, pulled_back_m]), older)
+            if pull_m.min() > stay_m.min():
+                stream.set_point_m = pulled_back_m
+                stream.pulled_back += 1
         elif not brakes and self._motion.speed_mps <= SHORTEST_MPS:
             is_in_the_way = self._keeps_apart(wanted_least_m)
             self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
@@ -429,14 +433,18 @@ class ListenInFlight:
         by that; else that.
         """
         separation_m = self._limits.minimum_separation_m
-        nothing = np.zeros(set_points_m.shape[:2])
-        orders = Orders(set_points_m, np.zeros_like(set_points_m), nothing, nothing)
-        least_m = least_apart_m(seen, orders, older, self._braking, separation_m)
+        least_m = self._least_at_rest_m(seen, set_points_m, older)
         frees = (
             longest_free(least_m[0], least_m[number : number + 1], separation_m) for number in range(1, len(least_m))
         )
         number = next((number for number, free in enumerate(frees, start=1) if free is not None), 0)
         return np.asarray(set_points_m[number])
+
+    def _least_at_rest_m(self, seen: Seen, set_points_m: Points, older: Orders) -> Levels:
+        """How near each two come by sets of set-points that do not move on [set, pair]."""
+        nothing = np.zeros(set_points_m.shape[:2])
+        orders = Orders(set_points_m, np.zeros_like(set_points_m), nothing, nothing)
+        return least_apart_m(seen, orders, older, self._braking, self._limits.minimum_separation_m)
 
     def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
         """Those who come too near to somebody stop as soon as they can."""

@@ -217,9 +217,9 @@ class Swarm:
         self._reliability.take_positions(set_point_m, said_m, self._left_m)
         return rssi_dbm, position_m
 
-    def has_flown_window(self, since_ns: int) -> bool:
-        """Whether all trackers that hear have taken the window that begins at this moment, and said where."""
-        return all(self._records[tracker].has_flown_window(since_ns) for tracker in self.usable())
+    def awaits_flown_window(self, since_ns: int) -> bool:
+        """Whether of any tracker that hears more is to be expected of the window that begins at this moment."""
+        return any(self._records[tracker].awaits_flown_window(since_ns, self._now_ns) for tracker in self.usable())
 
     def flown(self, since_ns: int, told_m: Points, rest_m: Points) -> tuple[Levels, Points, Levels]:
         """The window [sample, tracker] as ``heard`` has it, where each sample was taken, and how many seconds after

@@ -30,6 +30,9 @@ CAME_S = 2.0
 """Who has been in its place within so long has come to it, though it swings or its receiver of positions is noisy."""
 LATEST_NS = 2**62
 """No clock is later than 146 years after its start; what is dated later is dropped."""
+QUIET_S = 0.075
+"""One that has said nothing for so long, a report and a half, is not waited for: what a gap in the link has swallowed
+does not come."""
 RATE_OVER_S = 2.0
 """The rate of its positions is that of so long."""
 HEALTH_S = 10.0
@@ -61,6 +64,8 @@ class TrackerRecord:
         self._samples.forget()
         self._came_ns: int | None = None
         """When its first message arrived, since its clock began; None before that."""
+        self._newest_ns = 0
+        """When the newest did."""
         # Sender times, rising, and the positions at them.
         self._position_ns: list[int] = []
         self._position_m: list[Point] = []
@@ -92,6 +97,7 @@ class TrackerRecord:
             self._forget()
         self._offset.heard(message.time_ns, now_ns)
         self._came_ns = now_ns if self._came_ns is None else self._came_ns
+        self._newest_ns = now_ns
         if isinstance(message, RssiWindow):
             self._samples.add(message)
             self._take_obeyed(message)
@@ -196,12 +202,16 @@ class TrackerRecord:
         """Whether all samples of the window that begins at this moment were taken."""
         return self._offset.offset_ns is not None and self._samples.is_complete(since_ns - self._offset.offset_ns)
 
-    def has_flown_window(self, since_ns: int) -> bool:
-        """Whether that is so, and it has said where it was at the last of them."""
-        if not self.has_window(since_ns) or self._offset.offset_ns is None:
+    def awaits_flown_window(self, since_ns: int, now_ns: int) -> bool:
+        """Whether more of the window that begins at this moment is still to be expected: a sample, or where it was at
+        the last of them.
+        """
+        if now_ns - self._newest_ns > QUIET_S * 1e9:
             return False
+        if not self.has_window(since_ns) or self._offset.offset_ns is None:
+            return True
         _, time_ns = self._samples.window(since_ns - self._offset.offset_ns)
-        return bool(self._position_ns) and self._position_ns[-1] >= int(time_ns[-1])
+        return not self._position_ns or self._position_ns[-1] < int(time_ns[-1])
 
     @property
     def newest_sample_ns(self) -> int | None:
