@@ -14,8 +14,6 @@ stay, by which all brake. The formation keeps inside the fence, goes round those
 who has fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
 """
 
-import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,12 +22,12 @@ import numpy as np
 from ...errors import InputError
 from ...scenario import NUM_TRACKERS, Scenario
 from .flight_separation import Seen, blocked, least_apart_m, longest_free, those_behind
-from .formation_estimate import claimed_centers_m, median_m, medians
+from .flown_windows import FlownWindows
 from .formation_motion import FormationMotion
 from .going_round import PAIRS, SHORTEST_MPS, others_mps, ways_apart, ways_aside
 from .orders import KEPT_S, LONGEST_VALID_S, Braking, Onward, Orders, Told
 from .pace import Window
-from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, formation_m, is_clear
+from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, is_clear
 from .sample_window import Flags, Levels, Point, Points
 from .separation import ROUNDING_M, Traffic
 from .set_point_stream import INTRUSION_M, LONGEST_STEP_S
@@ -37,10 +35,6 @@ from .swarm import Swarm
 
 BRAKING_SHARE = 0.8
 """Of the scenario's acceleration, with which set-points count: the rest is for turning and wind."""
-FIRST_WINDOW_S = 0.3
-"""So long before it begins a chase's first window is announced."""
-PATIENCE_S = 0.25
-"""After the end of an interval what trackers heard in it is waited for so long, from those of which anything comes."""
 CLOSING_MPS = 2.0
 """With which a tracker that is not in its place comes there at least, beside the formation's own speed. No faster do
 they go round, either."""
@@ -55,8 +49,6 @@ MOST_AHEAD_M = 4.0
 for it to be taken for one that is astray."""
 FRESH_S = 0.4
 """What was seen longer ago tells where a tracker may be, not that it is astray."""
-REMEMBERED_STEPS = 200
-"""Ten seconds at 20 steps a second: longer than any window is waited for."""
 VALID_S = (LONGEST_VALID_S, 1.0, 0.5, 0.2, 0.0)
 """For so long set-points may be valid without news: the longest by which all keep apart."""
 FEWER_VALID_S = (LONGEST_VALID_S, 0.5, 0.0)
@@ -84,8 +76,7 @@ class ListenInFlight:
         self._swarm, self._limits = swarm, limits
         self._filter = SafetyFilter(limits, scenario.spacing_choices_m)
         self._decision_s = scenario.decision_s
-        self._period_ns = round(1e9 / scenario.sampling_hz)
-        self._interval_ns = round(1e9 * scenario.decision_s)
+        self._windows = FlownWindows(scenario, swarm)
         self._speed_mps = min(limits.highest_speed_mps, scenario.tracker_speed_mps)
         braking = Braking(BRAKING_SHARE * scenario.tracker_acceleration_mps2, scenario.tracker_acceleration_mps2)
         self._braking, self._motion = braking, FormationMotion(braking, np.zeros(3), np.zeros(3), 0.0)
@@ -100,13 +91,7 @@ class ListenInFlight:
         """When somebody last was without news."""
         self._behind_s = np.zeros(NUM_TRACKERS)
         """So long each has not been in its place."""
-        self._turns: deque[tuple[int, float]] = deque(maxlen=REMEMBERED_STEPS)
-        """How far it had turned at each step."""
         self._told = Told()
-        self._chase_ns: int | None = None
-        """When the chase's own time began."""
-        self._begins_ns = 0
-        """The interval that is listened to begins."""
         self.has_begun = False
 
     @property
@@ -122,21 +107,16 @@ class ListenInFlight:
     @property
     def window_since_ns(self) -> int:
         """When the first interval began, of this chase."""
-        return self._chase_ns or 0
+        return self._windows.since_ns
 
     def stand(self, formation: Move, now_ns: int) -> None:
-        """The trackers are around this centre, or come to rest ahead of it, and are listened to from soon on. Intervals
-        begin half way between two samples, so that it is plain which belong to one.
-        """
+        """The trackers are around this centre, or come to rest ahead of it, and are listened to from soon on."""
         rest_m = formation.center_m + self._braking.rest_m(self._motion.velocity_mps)
         self._motion = FormationMotion(self._braking, rest_m, np.zeros(3), formation.spacing_m, self._motion.rest_rad)
         self.has_begun = True
         self.stop()
         self._stops = False
-        newest_ns = self._swarm.newest_sample_ns() or now_ns
-        periods = math.ceil((now_ns + FIRST_WINDOW_S * 1e9 - newest_ns) / self._period_ns)
-        self._begins_ns = newest_ns + periods * self._period_ns - self._period_ns // 2
-        self._chase_ns = self._begins_ns if self._chase_ns is None else self._chase_ns
+        self._windows.begin(now_ns)
 
     def stop(self) -> None:
         """Brake, and stay where that ends."""
@@ -144,38 +124,10 @@ class ListenInFlight:
 
     def window(self, now_ns: int) -> Window | None:
         """What was heard in the interval that has ended, once it is there or was waited for; None before that."""
-        late_ns = now_ns - self._begins_ns - self._interval_ns
-        if late_ns < 0 or (late_ns < PATIENCE_S * 1e9 and self._swarm.awaits_flown_window(self._begins_ns)):
+        if not self._windows.is_due(now_ns):
             return None
-        # After a pause of the loop what is old is left out.
-        self._begins_ns += max(0, math.floor(late_ns / self._interval_ns - PATIENCE_S)) * self._interval_ns
-        assert self._chase_ns is not None
         rest_m = self._fresh_rest_m()
-        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, self._heard_m(rest_m), rest_m)
-        since_s = (self._begins_ns - self._chase_ns) / 1e9
-        self._begins_ns += self._interval_ns
-        # Who is not commanded has no times, and there is always one who is.
-        sampled_s = medians(after_s[:, np.isfinite(after_s).all(axis=0)].T)
-        turned_rad = self._turned_at_rad(self._begins_ns - self._interval_ns, sampled_s)
-        place_m = self._places_m(self._swarm.counted_positions_m(position_m), turned_rad)
-        rssi_dbm, position_m = self._swarm.window(rssi_dbm, position_m, place_m)
-        return Window(rssi_dbm, position_m, position_m[-1].mean(axis=0), since_s + sampled_s)
-
-    def _turned_at_rad(self, since_ns: int, after_s: Levels) -> Levels:
-        """How far the cross had turned so long after this moment [sample]."""
-        known_s = [(time_ns - since_ns) / 1e9 for time_ns, _ in self._turns]
-        return np.interp(after_s, known_s, [rad for _, rad in self._turns]) if known_s else 0.0 * after_s
-
-    def _places_m(self, position_m: Points, turned_rad: Levels) -> Points:
-        """Where each must have been at each sample for the others' sake [sample, tracker, 3]."""
-        places_m = []
-        for each_m, rad in zip(position_m, turned_rad.tolist(), strict=True):
-            is_known = np.isfinite(each_m).any()
-            center_m = (
-                median_m(claimed_centers_m(each_m, self._motion.spacing_m, rad)) if is_known else self._motion.center_m
-            )
-            places_m.append(formation_m(center_m, self._motion.spacing_m, rad))
-        return np.stack(places_m)
+        return self._windows.take(now_ns, self._motion, self._heard_m(rest_m), rest_m)
 
     def pursue(self, displacement_m: Point, spacing_m: float, turn_rad: float = 0.0) -> str:
         """From now on fly so that the centre moves so far in an interval, with this spacing at its end, and the cross
@@ -253,7 +205,7 @@ class ListenInFlight:
             ):
                 self._stay(seen, brakes, least_m, elapsed_s, older)
         self._told.note(swarm.now_ns, stream.set_point_m, stream.onward)
-        self._turns.append((swarm.now_ns, self._motion.turned_rad))
+        self._windows.note_turned(swarm.now_ns, self._motion.turned_rad)
 
     def _go_another_way(
         self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders
