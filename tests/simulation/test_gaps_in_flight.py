@@ -17,6 +17,7 @@ from swarmchase.live.alarms import Alarms, Severity
 from swarmchase.live.events import Event, Events
 from swarmchase.live.service import pursuit
 from swarmchase.live.service.chase_state import Decision
+from swarmchase.live.service.flight_separation import Seen
 from swarmchase.live.service.orders import LONGEST_VALID_S
 from swarmchase.live.service.pursuit import ListenInFlight
 from swarmchase.live.service.safety import SafetyLimits
@@ -278,3 +279,32 @@ def test_a_controller_that_often_changes_its_mind_brings_nobody_too_near() -> No
     scenario = Scenario.from_dict(load_scenario("flight").to_dict() | {"behaviour": "waypoints", "max_movements": 40})
     chase = VirtualChase(scenario, load_controller("pursuit", scenario), 0, 0, fault_plan("burst=0.15"))
     assert chase.run().least_separation_m > SafetyLimits().minimum_separation_m - STRAYING_M
+
+
+@pytest.mark.parametrize(("is_misplaced", "is_pulled_back"), [(False, True), (True, False)])
+def test_nobody_is_pulled_back_to_where_it_comes_nearer_to_another(
+    monkeypatch: pytest.MonkeyPatch, is_misplaced: bool, is_pulled_back: bool
+) -> None:
+    """All fly east, set-points 12.5 m ahead, and tracker 3 is told to go into the way of 5: both are pulled back to
+    where they can stop, 10 m ahead. But 3 has said nothing for a while, and it is taken to be where it is not, 0.5 m
+    from 5: there it would stop 0.5 m from 5, while by its set-point it keeps away.
+    """
+    flight = Flight(Wants(Random(0), 1.0, 0.0, 0.0))
+    flight.fly(6.0)
+    pace = flight.chase.service._pace
+    assert isinstance(pace, ListenInFlight)
+    swarm = pace._swarm
+    seen = Seen(swarm.traffic(), swarm.position_ages_s())
+    before_m, places_m = swarm.stream.set_point_m.copy(), swarm.places_now_m()
+    older = pace._told.older(swarm.now_ns, swarm.obeyed_ns())
+    if is_misplaced:
+        places_m[3] = places_m[5] + np.array([0.0, -0.5, 0.0])
+        monkeypatch.setattr(swarm, "places_now_m", lambda: places_m)
+    else:
+        swarm.stream.set_point_m[3] = before_m[3] = before_m[5] + np.array([0.0, -0.5, 0.0])
+    too_near_m = np.full((2, len(ONE)), 7.0)
+    too_near_m[:, (ONE == 3) & (OTHER == 5)] = 0.5
+    pace._stay(seen, False, too_near_m, TICK_S, older)
+    moved = np.linalg.norm(swarm.stream.set_point_m - before_m, axis=1) > 1e-6
+    assert moved.tolist() == [False, False, False, is_pulled_back, False, is_pulled_back]
+    assert swarm.stream.pulled_back == is_pulled_back
