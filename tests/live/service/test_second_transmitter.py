@@ -41,11 +41,12 @@ def judged(
     speed_mps: float = SPEED_MPS,
     told: Scenario | None = None,
     stuck: int | None = None,
+    from_m: float = FROM_M,
 ) -> SecondTransmitter:
     """After a way to a transmitter at the origin of the belief's frame, up to 3 m before it, and a decision there."""
-    seconds = (FROM_M - 3.0) / SPEED_MPS
+    seconds = (from_m - 3.0) / SPEED_MPS
     time_s = np.arange(int(seconds * scenario.sampling_hz)) / scenario.sampling_hz
-    center_m = np.array([-FROM_M, 0.0, 5.0]) + speed_mps * time_s[:, None] * np.array([1.0, 0.0, 0.0])
+    center_m = np.array([-from_m, 0.0, 5.0]) + speed_mps * time_s[:, None] * np.array([1.0, 0.0, 0.0])
     position_m = np.stack([formation_m(one_m, 7.0) for one_m in center_m])
     rssi_dbm = heard_dbm(scenario, seed, position_m, (0.0, 0.0, 0.0))
     if other_m is not None:
@@ -117,6 +118,14 @@ def test_one_fits_however_it_fades_and_nobody_has_told_how(scenario: Scenario, s
 def test_little_evidence_is_no_news_where_levels_fade_little(rician_k: float, seed: int) -> None:
     """Beside a transmitter any would be enough, if they faded more."""
     second = judged(changed(FLIGHT, rician_k=rician_k), None, seed)
+    assert ANY < second.evidence < ENOUGH
+    assert not second.is_heard
+
+
+@pytest.mark.parametrize("seed", [45, 76])
+def test_nor_where_few_intervals_were_weighed(seed: int) -> None:
+    """Six of 5 m each, the last of them 15 m before the transmitter."""
+    second = judged(FLIGHT, None, seed, from_m=45.0)
     assert ANY < second.evidence < ENOUGH
     assert not second.is_heard
 

@@ -56,9 +56,11 @@ LEAST_WAVELENGTHS = 15.0
 BESIDE_M = 15.0
 ABOVE_FLOOR_DB = 15.0
 """One fade in 100 is deeper where the line of sight is three times as strong as the rest."""
+FEW_INTERVALS = 12
+"""Where fewer have been weighed, it is no news either: a target that starts beside the swarm is there in seconds."""
 CERTAIN, ENOUGH, ANY = 4.0, 0.9, 0.0
 """Evidence by which two are told of: on the way; beside a transmitter, where it is known how one alone fades, and once
-they are told of, where levels fade little; and there where they fade more."""
+they are told of, where levels fade little or few were weighed; and there where they fade more."""
 
 _COUNTED_NP = np.log([WEAKER[1] / 4, *WEAKER[1:]])
 """Where a weaker power stands in the table; less than the first is none."""
@@ -81,6 +83,8 @@ class SecondTransmitter:
         """For two."""
         self._is_shallow = False
         """Whether one alone would fade little."""
+        self._weighed = 0
+        """Intervals."""
         self.is_heard = False
         """Whether what is heard does not fit one transmitter."""
 
@@ -94,11 +98,12 @@ class SecondTransmitter:
         if belief is not None and self._fades(window, origin_m, belief):
             every = slice(None, None, math.ceil(len(window.rssi_dbm) / MOST_SAMPLES))
             lost_np = self._lost_np(window, origin_m, belief)[every]
+            self._weighed += 1
             self._log_likelihood *= 1 - 1 / REMEMBERED
             self._log_likelihood += _log_likelihood(window.rssi_dbm[every], lost_np, self._least_dbm)
             self.evidence, rician_k = _evidence(self._counts * self._log_likelihood, self._log_prior)
             self._is_shallow = rician_k > SHALLOW_K
-        enough = ENOUGH if self._is_shallow else ANY
+        enough = ENOUGH if self._is_shallow or self._weighed < FEW_INTERVALS else ANY
         self.is_heard = self.evidence > (enough if is_beside or self.is_heard else CERTAIN)
 
     def _lost_np(self, window: Window, origin_m: Point, belief: Belief) -> Levels:
