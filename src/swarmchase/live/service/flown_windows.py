@@ -57,17 +57,17 @@ class FlownWindows:
         awaits = late_ns < PATIENCE_S * 1e9 and self._swarm.awaits_flown_window(self._begins_ns)
         return late_ns >= 0 and not awaits
 
-    def take(self, now_ns: int, motion: FormationMotion, told_m: Points, rest_m: Points) -> Window:
+    def take(self, now_ns: int, motion: FormationMotion, told_m: Points, rest_m: Points, excused_m: Levels) -> Window:
         """What was heard in the interval that has ended; the next one begins where it has.
 
         Args:
             motion: Of the formation, now.
-            told_m: As ``Swarm.flown`` has it; so is ``rest_m``.
+            told_m: As ``Swarm.flown`` has it; so are ``rest_m`` and ``excused_m``.
         """
         # After a pause of the loop what is old is left out.
         too_late_ns = self._late_ns(now_ns) - PATIENCE_S * 1e9
         self._begins_ns += max(0, math.floor(too_late_ns / self._interval_ns)) * self._interval_ns
-        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, told_m, rest_m)
+        rssi_dbm, position_m, after_s = self._swarm.flown(self._begins_ns, told_m, rest_m, excused_m)
         since_s = (self._begins_ns - self.since_ns) / 1e9
         # Who is not commanded has no times, and there is always one who is.
         sampled_s = medians(after_s[:, np.isfinite(after_s).all(axis=0)].T)

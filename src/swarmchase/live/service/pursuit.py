@@ -14,6 +14,7 @@ stay, by which all brake. The formation keeps inside the fence, goes round those
 who has fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -91,6 +92,8 @@ class ListenInFlight:
         """When somebody last was without news."""
         self._behind_s = np.zeros(NUM_TRACKERS)
         """So long each has not been in its place."""
+        self._excused_m = np.zeros(NUM_TRACKERS)
+        """So much further from where it is told to come to rest each may be, since it has heard nothing for a while."""
         self._told = Told()
         self.has_begun = False
 
@@ -127,7 +130,7 @@ class ListenInFlight:
         if not self._windows.is_due(now_ns):
             return None
         rest_m = self._fresh_rest_m()
-        return self._windows.take(now_ns, self._motion, self._heard_m(rest_m), rest_m)
+        return self._windows.take(now_ns, self._motion, self._heard_m(rest_m), rest_m, self._excused_m)
 
     def pursue(self, displacement_m: Point, spacing_m: float, turn_rad: float = 0.0) -> str:
         """From now on fly so that the centre moves so far in an interval, with this spacing at its end, and the cross
@@ -183,6 +186,7 @@ class ListenInFlight:
         elapsed_s, stream.onward = min(max(elapsed_s, 0.0), LONGEST_STEP_S), None
         if not self.has_begun or elapsed_s == 0.0 or not stream.commanded.any():
             return
+        self._excused_m = self._excused_after_m(elapsed_s)
         if self._has_not_heard()[stream.commanded].any():
             self._unheard_ns, self._motion = swarm.now_ns, replace(self._motion, turn_rad_per_s=0.0)
         seen = Seen(swarm.traffic(), swarm.position_ages_s())
@@ -238,8 +242,16 @@ class ListenInFlight:
 
     def _has_not_heard(self) -> Flags:
         """Who is not known to have obeyed anything of late [tracker]."""
-        oldest_ns = self._swarm.now_ns - UNHEARD_S * 1e9
-        return np.array([time_ns is None or time_ns < oldest_ns for time_ns in self._swarm.obeyed_ns()])
+        now_ns = self._swarm.now_ns
+        return np.array([_seconds_since(time_ns, now_ns) > UNHEARD_S for time_ns in self._swarm.obeyed_ns()])
+
+    def _excused_after_m(self, elapsed_s: float) -> Levels:
+        """As far as each has flown since it last heard anything: all others may have turned back meanwhile. When it
+        hears again it comes nearer as those do that are not in their places.
+        """
+        unheard_s = np.array([_seconds_since(time_ns, self._swarm.now_ns) for time_ns in self._swarm.obeyed_ns()])
+        flown_m = np.where(unheard_s > UNHEARD_S, np.minimum(unheard_s, KEPT_S), 0.0) * self._speed_mps
+        return np.maximum(self._excused_m - CLOSING_MPS * elapsed_s, flown_m)
 
     def _stay(self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders) -> None:
         """The set-points stay: by that all brake, and the formation with them. Those who come too near to somebody stop
@@ -427,6 +439,10 @@ class _Way:
     """The set-points then,"""
     moves_mps: Point
     """and how they move on."""
+
+
+def _seconds_since(time_ns: int | None, now_ns: int) -> float:
+    return math.inf if time_ns is None else (now_ns - time_ns) / 1e9
 
 
 def _nearer(offset_m: Points, step_m: float) -> Points:

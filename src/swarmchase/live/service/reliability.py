@@ -127,7 +127,7 @@ class Reliability:
         self._standings[tracker].leave_out(reason, is_behind=True)
 
     def take_positions(
-        self, set_point_m: Points, position_m: Points, left_m: Points, astray_m: float = ASTRAY_M
+        self, set_point_m: Points, position_m: Points, left_m: Points, astray_m: float | Levels = ASTRAY_M
     ) -> None:
         """Where they were in a window, worst moment by worst moment, and where they were told to be.
 
@@ -135,7 +135,7 @@ class Reliability:
             set_point_m: [tracker, 3]; NaN where it is not commanded.
             position_m: [tracker, 3]
             left_m: Where each was last told to be [tracker, 3], where it is not commanded any more.
-            astray_m: Who is further off is left behind.
+            astray_m: Who is further off is left behind; one for all, or of each [tracker].
         """
         off_m = off_set_points_m(set_point_m, position_m, self.counts)
         for tracker in np.flatnonzero(off_m > astray_m).tolist():

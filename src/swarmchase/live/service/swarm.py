@@ -23,7 +23,7 @@ STILL_OBEYS_S = 2.0
 FLOWN_MPS = 20.0
 """No tracker is faster, whoever flies it."""
 ASTRAY_IN_FLIGHT_M = 2 * ASTRAY_M
-"""Who has heard nothing for a second while the others flew on is further behind than ``ASTRAY_M``, and catches up."""
+"""Who has heard nothing for a moment while the others turned is further off than ``ASTRAY_M``, and catches up."""
 RETURN_SHARE = 0.5
 """Of what the channel lends: who is left out for its level has to hear better than who is not."""
 
@@ -221,7 +221,7 @@ class Swarm:
         """Whether of any tracker that hears more is to be expected of the window that begins at this moment."""
         return any(self._records[tracker].awaits_flown_window(since_ns, self._now_ns) for tracker in self.usable())
 
-    def flown(self, since_ns: int, told_m: Points, rest_m: Points) -> tuple[Levels, Points, Levels]:
+    def flown(self, since_ns: int, told_m: Points, rest_m: Points, excused_m: Levels) -> tuple[Levels, Points, Levels]:
         """The window [sample, tracker] as ``heard`` has it, where each sample was taken, and how many seconds after
         this moment [sample, tracker]; NaN where a tracker is not commanded. Who does not come to rest where it is told
         to is left behind.
@@ -229,13 +229,14 @@ class Swarm:
         Args:
             told_m: Where each is told to come to rest, as far as it has heard it [tracker, 3].
             rest_m: Where it does, as it flies now [tracker, 3].
+            excused_m: By so much more than ``ASTRAY_IN_FLIGHT_M`` it may be off [tracker].
         """
         rssi_dbm = np.full((self._window_samples, NUM_TRACKERS), np.nan)
         after_s, position_m = rssi_dbm.copy(), np.full((*rssi_dbm.shape, 3), np.nan)
         for tracker in self.commanded():
             rssi_dbm[:, tracker], position_m[:, tracker], time_ns = self._records[tracker].flown_window(since_ns)
             after_s[:, tracker] = (time_ns - since_ns) / 1e9
-        self._reliability.take_positions(told_m, rest_m, self._left_m, ASTRAY_IN_FLIGHT_M)
+        self._reliability.take_positions(told_m, rest_m, self._left_m, ASTRAY_IN_FLIGHT_M + excused_m)
         return rssi_dbm, position_m, after_s
 
     def places_now_m(self) -> Points:
