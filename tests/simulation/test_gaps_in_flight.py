@@ -19,7 +19,7 @@ from swarmchase.live.service import pursuit
 from swarmchase.live.service.chase_state import Decision
 from swarmchase.live.service.flight_separation import Seen
 from swarmchase.live.service.orders import LONGEST_VALID_S
-from swarmchase.live.service.pursuit import ListenInFlight
+from swarmchase.live.service.pursuit import CLOSING_MPS, UNHEARD_S, ListenInFlight
 from swarmchase.live.service.safety import SafetyLimits
 from swarmchase.live.service.separation import STRAYING_M
 from swarmchase.live.service.settings import ServiceSettings
@@ -308,3 +308,21 @@ def test_nobody_is_pulled_back_to_where_it_comes_nearer_to_another(
     moved = np.linalg.norm(swarm.stream.set_point_m - before_m, axis=1) > 1e-6
     assert moved.tolist() == [False, False, False, is_pulled_back, False, is_pulled_back]
     assert swarm.stream.pulled_back == is_pulled_back
+
+
+def test_who_has_heard_nothing_is_excused_for_as_far_as_it_has_flown_and_comes_back_at_2_mps() -> None:
+    flight = Flight(Wants(Random(0), 1.0, 0.0, 0.0))
+    flight.fly(6.0)
+    pace = flight.chase.service._pace
+    assert isinstance(pace, ListenInFlight)
+    assert pace._excused_m.tolist() == [0.0] * 6
+    flight.chase.network.cut(2, is_cut=True)
+    flight.fly(1.5)
+    assert pace._excused_m[2] == pytest.approx((1.5 - UNHEARD_S) * FULL_SPEED_MPS, abs=1.1)
+    assert np.delete(pace._excused_m, 2).tolist() == [0.0] * 5
+    flight.chase.network.cut(2, is_cut=False)
+    flight.fly(3.0)
+    # It takes 0.1 s until that is known.
+    assert pace._excused_m[2] == pytest.approx(12.5 - 3.0 * CLOSING_MPS + 1.2, abs=1.1)
+    flight.fly(6.0)
+    assert pace._excused_m.tolist() == [0.0] * 6

@@ -14,7 +14,6 @@ stay, by which all brake. The formation keeps inside the fence, goes round those
 who has fallen behind, as one does that has heard nothing for a second: with several of them it would fall apart.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -242,16 +241,16 @@ class ListenInFlight:
 
     def _has_not_heard(self) -> Flags:
         """Who is not known to have obeyed anything of late [tracker]."""
-        now_ns = self._swarm.now_ns
-        return np.array([_seconds_since(time_ns, now_ns) > UNHEARD_S for time_ns in self._swarm.obeyed_ns()])
+        oldest_ns = self._swarm.now_ns - UNHEARD_S * 1e9
+        return np.array([time_ns is None or time_ns < oldest_ns for time_ns in self._swarm.obeyed_ns()])
 
     def _excused_after_m(self, elapsed_s: float) -> Levels:
-        """As far as each has flown since it last heard anything: all others may have turned back meanwhile. When it
+        """As far as each has flown on since it last heard anything: all others may have turned back meanwhile. When it
         hears again it comes nearer as those do that are not in their places.
         """
-        unheard_s = np.array([_seconds_since(time_ns, self._swarm.now_ns) for time_ns in self._swarm.obeyed_ns()])
-        flown_m = np.where(unheard_s > UNHEARD_S, np.minimum(unheard_s, KEPT_S), 0.0) * self._speed_mps
-        return np.maximum(self._excused_m - CLOSING_MPS * elapsed_s, flown_m)
+        speed_mps = np.linalg.norm(self._swarm.traffic().velocity_mps, axis=1)
+        step_m = np.where(self._has_not_heard(), speed_mps, -CLOSING_MPS) * elapsed_s
+        return np.clip(self._excused_m + step_m, 0.0, KEPT_S * self._speed_mps)
 
     def _stay(self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders) -> None:
         """The set-points stay: by that all brake, and the formation with them. Those who come too near to somebody stop
@@ -439,10 +438,6 @@ class _Way:
     """The set-points then,"""
     moves_mps: Point
     """and how they move on."""
-
-
-def _seconds_since(time_ns: int | None, now_ns: int) -> float:
-    return math.inf if time_ns is None else (now_ns - time_ns) / 1e9
 
 
 def _nearer(offset_m: Points, step_m: float) -> Points:
