@@ -171,11 +171,11 @@ def misheard_chase() -> RecordedChase:
 
 @functools.cache
 def flown_chase() -> RecordedChase:
-    """A target that flies past is heard in flight, one receiver falls silent, and the target is reached after 5 s and
+    """A target that flies past is heard in flight, one receiver falls silent, and the target is reached after 7 s and
     followed for a second.
     """
     settings = ServiceSettings(follow=True)
-    return recorded(7.5, scenario=FLIGHT, limits=site_limits(FLIGHT), settings=settings, faults="silent=2@1-3")
+    return recorded(9.0, scenario=FLIGHT, limits=site_limits(FLIGHT), settings=settings, faults="silent=2@1-3")
 
 
 @functools.cache

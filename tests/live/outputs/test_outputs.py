@@ -53,7 +53,7 @@ SCHEMA = {
 @pytest.mark.parametrize("carried", ["udp", "tcp"])
 def test_every_event_is_of_the_schema(carried: str, shown: Shown) -> None:
     events = getattr(shown, carried).events
-    assert len(events) > 8 * CHASE_S
+    assert len(events) > 7 * CHASE_S
     for event in events:
         assert [child.tag for child in event] == ["point", "detail"]
         for element, name in ((event, "event"), (event[0], "point")):
