@@ -54,8 +54,9 @@ class FlownWindows:
     def is_due(self, now_ns: int) -> bool:
         """Whether what was heard in the interval that has ended is there, or was waited for."""
         late_ns = self._late_ns(now_ns)
-        awaits = late_ns < PATIENCE_S * 1e9 and self._swarm.awaits_flown_window(self._begins_ns)
-        return late_ns >= 0 and not awaits
+        if late_ns < 0:
+            return False
+        return late_ns >= PATIENCE_S * 1e9 or not self._swarm.awaits_flown_window(self._begins_ns)
 
     def take(self, now_ns: int, motion: FormationMotion, told_m: Points, rest_m: Points, excused_m: Levels) -> Window:
         """What was heard in the interval that has ended; the next one begins where it has.
