@@ -152,20 +152,21 @@ def connected(address: str, local_cpus: int, tell: Tell = lambda _line: None) ->
     ray = ray_module()
     if ray.is_initialized():
         raise InputError("this process is connected to a Ray cluster already: leave it first (ray.shutdown())")
-    _connect(ray, address, local_cpus)
-    try:
-        cluster = Cluster(ray, ray.get_runtime_context().get_node_id())
-        if cluster.num_cpus() < 1:
-            raise InputError(f"the cluster at {address} has no CPUs: start its nodes with `ray start --num-cpus N`")
-        if address == LOCAL:
-            _require_loopback(ray)
-        else:
-            if not _has_token():
-                tell(NO_TOKEN.format(address=address))
-            cluster.require_same_software(cluster.node_names())
-        yield cluster
-    finally:
-        ray.shutdown()
+    with _notices_on_standard_error():
+        _connect(ray, address, local_cpus)
+        try:
+            cluster = Cluster(ray, ray.get_runtime_context().get_node_id())
+            if cluster.num_cpus() < 1:
+                raise InputError(f"the cluster at {address} has no CPUs: start its nodes with `ray start --num-cpus N`")
+            if address == LOCAL:
+                _require_loopback(ray)
+            else:
+                if not _has_token():
+                    tell(NO_TOKEN.format(address=address))
+                cluster.require_same_software(cluster.node_names())
+            yield cluster
+        finally:
+            ray.shutdown()
 
 
 @contextlib.contextmanager
@@ -192,6 +193,25 @@ def _require_loopback(ray: Any) -> None:
     address = ray.nodes()[0]["NodeManagerAddress"]
     if not ipaddress.ip_address(address).is_loopback:
         raise InputError(f"Ray {ray.__version__} cannot be kept to this machine: it listens at {address}")
+
+
+@contextlib.contextmanager
+def _notices_on_standard_error() -> Iterator[None]:
+    """Ray tells of nodes and processes that died on standard output, where a command's result stands (``--json``), and
+    has no option for it: inside this block it tells of them on standard error.
+    """
+    from ray._private import worker
+
+    before = worker.print_to_stdstream
+
+    def on_standard_error(data: dict[str, Any], ignore_prefix: bool) -> None:
+        before({**data, "is_err": True}, ignore_prefix)
+
+    worker.print_to_stdstream = on_standard_error
+    try:
+        yield
+    finally:
+        worker.print_to_stdstream = before
 
 
 def _connect(ray: Any, address: str, local_cpus: int) -> None:
