@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import os
 import signal
 from collections.abc import Generator
 from pathlib import Path
@@ -14,6 +15,9 @@ check_types()
 
 # One thread: tests compare small batches, where more threads only wait for one another.
 torch.set_num_threads(1)
+
+# Ray's processes run at niceness 15: beside three other workers they get hardly any of two cores.
+os.environ.setdefault("RAY_worker_niceness", "0")
 
 # A job in the background of a script has Ctrl-C ignored, one under nohup the end of its terminal, and so would all that
 # the tests start.

@@ -21,11 +21,13 @@ EXCEPTIONS = ("swarmchase.simulation.radio", "swarmchase.simulation.radio_in_fli
 UNCHECKED = {
     f"swarmchase.{name}"
     for name in (
+        "live.clock",
         "live.tracker.vehicles.simulated",
         "simulation.fault_plan",
         "simulation.faulty_path",
         "simulation.receivers_gone_wrong",
         "simulation.vehicles_gone_wrong",
+        "simulation.virtual_chase",
         "simulation.virtual_network",
     )
 }
