@@ -204,8 +204,8 @@ def _notices_on_standard_error() -> Iterator[None]:
 
     before = worker.print_to_stdstream
 
-    def on_standard_error(data: dict[str, Any], ignore_prefix: bool) -> None:
-        before({**data, "is_err": True}, ignore_prefix)
+    def on_standard_error(data: dict[str, Any], *more: Any, **options: Any) -> None:
+        before({**data, "is_err": True}, *more, **options)
 
     worker.print_to_stdstream = on_standard_error
     try:
