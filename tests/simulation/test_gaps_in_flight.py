@@ -272,6 +272,26 @@ def test_those_that_are_in_each_others_way_go_round_each_other(places_m: Any) ->
     assert "in each other's way" not in changed[-1]
 
 
+@pytest.mark.parametrize("beside_m", [[0.5, 0.3, 0.0], [0.0, 0.0, 0.55], [-0.4, 0.4, 0.1]])
+def test_those_that_stand_too_near_to_each_other_are_led_apart(beside_m: list[float]) -> None:
+    """In a real run two stood 0.59 m from each other for 17 s: any way on would have led them nearer at first."""
+    controller = Wants(Random(0), 0.76, -0.65, 0.0)
+    flight = Flight(controller)
+    flight.fly(3.0)
+    controller.way = np.array([1e-9, 0.0, 0.0])
+    flight.fly(3.0)
+    places_m = PLACES_M.copy()
+    places_m[2] = places_m[1] + beside_m
+    flight.place(places_m)
+    controller.way = np.array([0.76, -0.65, 0.0])
+    flight.fly(2.0)
+    apart_m = math.dist(*(flight.chase.site.vehicles[tracker].position_m for tracker in (1, 2)))
+    assert apart_m >= SafetyLimits().minimum_separation_m
+    before_m = flight.center_m()
+    flight.fly(8.0)
+    assert np.linalg.norm(flight.center_m() - before_m) > 30.0
+
+
 def test_a_controller_that_often_changes_its_mind_brings_nobody_too_near() -> None:
     """Two trackers in line, the one behind without news for a second: it had heard one of many set-points.
     They came to 0.23 m of each other while set-points were told apart by their age alone.

@@ -12,7 +12,6 @@ from swarmchase.live.service.flight_separation import (
     AHEAD_S,
     HARDEST_BRAKING_MPS2,
     Seen,
-    blocked,
     least_apart_m,
     longest_free,
     those_behind,
@@ -101,13 +100,6 @@ def test_set_points_go_on_where_none_is_too_near_or_at_least_not_nearer(
     before, after = far_m.copy(), far_m.copy()
     before[3], after[3] = before_m, after_m
     assert (longest_free(before, after[None], separation_m=1.0) is not None) is allowed
-
-
-def test_both_of_a_pair_are_blocked() -> None:
-    least_m = np.full(15, np.inf)
-    least_m[5] = 0.5  # trackers 1 and 2, after the five pairs of tracker 0
-    assert np.flatnonzero(blocked(least_m, 0.8)).tolist() == [1, 2]
-    assert not blocked(least_m, 0.5).any()
 
 
 def test_who_would_come_too_near_without_news_is_sent_on_for_shorter_and_the_others_are_not() -> None:

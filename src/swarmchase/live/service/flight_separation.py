@@ -157,14 +157,6 @@ def those_behind(place_m: Points, velocity_mps: Point) -> tuple[Flags, Flags]:
     return is_behind, ~is_behind
 
 
-def blocked(least_m: Levels, separation_m: float) -> Flags:
-    """Which vehicles come too near to another, by the least distances [pair], if all fly on [tracker]."""
-    found = np.zeros(NUM_TRACKERS, dtype=np.bool_)
-    pairs = least_m < separation_m
-    found[_ONE[pairs]] = found[_OTHER[pairs]] = True
-    return found
-
-
 def _places_m(
     seen: Seen, axes: npt.NDArray[np.float64], orders: Orders, older: Orders, braking: Braking
 ) -> tuple[Corners, Corners]:

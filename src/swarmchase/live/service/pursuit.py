@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...scenario import NUM_TRACKERS, Scenario
-from .flight_separation import Seen, blocked, least_apart_m, longest_free, those_behind
+from .flight_separation import Seen, least_apart_m, longest_free, those_behind
 from .flown_windows import FlownWindows
 from .formation_motion import FormationMotion
 from .going_round import PAIRS, SHORTEST_MPS, others_mps, ways_apart, ways_aside
@@ -253,20 +253,17 @@ class ListenInFlight:
         return np.clip(self._excused_m + step_m, 0.0, KEPT_S * self._speed_mps)
 
     def _stay(self, seen: Seen, brakes: bool, wanted_least_m: Levels, elapsed_s: float, older: Orders) -> None:
-        """The set-points stay: by that all brake, and the formation with them. Those who come too near to somebody stop
-        as soon as they can; where all stand, those in each other's way go round each other.
+        """The set-points stay: by that all brake, and the formation with them. Those who come too near to somebody are
+        led further apart; where all stand, those in each other's way go round each other.
         """
         stream, before_m, now_m = self._swarm.stream, self._swarm.stream.set_point_m, self._swarm.places_now_m()
         self._motion = self._motion.braked(elapsed_s)
         separation_m = self._limits.minimum_separation_m
-        too_near = blocked(wanted_least_m[0], separation_m - INTRUSION_M) & stream.commanded
-        if too_near.any():
-            pulled_back_m = self._pulled_back_m(too_near, seen.traffic, now_m)
-            # Where somebody was last seen long ago it would stop at a place that it is not on its way to.
-            stay_m, pull_m = self._least_at_rest_m(seen, np.stack([before_m, pulled_back_m]), older)
-            if pull_m.min() > stay_m.min():
-                stream.set_point_m = pulled_back_m
-                stream.pulled_back += 1
+        too_near = wanted_least_m[0] < separation_m - INTRUSION_M
+        apart_m = self._further_apart_m(seen, too_near, elapsed_s, older) if too_near.any() else None
+        if apart_m is not None:
+            stream.set_point_m = apart_m
+            stream.pulled_back += 1
         elif not brakes and self._motion.speed_mps <= SHORTEST_MPS:
             is_in_the_way = self._keeps_apart(wanted_least_m)
             self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
@@ -274,6 +271,19 @@ class ListenInFlight:
             ways = ways_aside(is_in_the_way, now_m, separation_m)
             aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
             stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
+
+    def _further_apart_m(self, seen: Seen, too_near: Flags, elapsed_s: float, older: Orders) -> Points | None:
+        """Set-points by which those that come too near to each other [pair] stop as soon as they can, or move apart:
+        whichever keeps them further apart. None where neither does so better than those of before, as where somebody
+        was last seen long ago: it would stop at a place that it is not on its way to.
+        """
+        before_m, now_m = self._swarm.stream.set_point_m, self._swarm.places_now_m()
+        pulled_back_m = self._pulled_back_m(too_near, seen.traffic, now_m)
+        aside_m = self._fenced_m(before_m + CLOSING_MPS * elapsed_s * ways_apart(too_near, now_m), before_m)
+        choices_m = np.stack([before_m, pulled_back_m, aside_m])
+        least_m = self._least_at_rest_m(seen, choices_m, older).min(axis=1)
+        best = int(least_m.argmax())
+        return choices_m[best] if least_m[best] > least_m[0] + ROUNDING_M else None
 
     def _keeps_apart(self, least_m: Levels) -> Flags:
         """Which pairs the last of these sets brings too near, or nearer than the first [pair]."""
@@ -410,12 +420,13 @@ class ListenInFlight:
         return least_apart_m(seen, orders, older, self._braking, self._limits.minimum_separation_m)
 
     def _pulled_back_m(self, too_near: Flags, traffic: Traffic, now_m: Points) -> Points:
-        """Those who come too near to somebody stop as soon as they can."""
+        """Those who come too near to somebody [pair] stop as soon as they can."""
         set_point_m = self._swarm.stream.set_point_m
         speed_mps = np.linalg.norm(traffic.velocity_mps, axis=1, keepdims=True)
         stop_m = now_m + traffic.velocity_mps * speed_mps / (2 * self._braking.most_mps2)
         is_shorter = np.linalg.norm(stop_m - now_m, axis=1) < np.linalg.norm(set_point_m - now_m, axis=1)
-        return np.where((too_near & is_shorter)[:, None], self._fenced_m(stop_m, set_point_m), set_point_m)
+        is_shorter &= np.isin(np.arange(NUM_TRACKERS), [tracker[too_near] for tracker in PAIRS])
+        return np.where(is_shorter[:, None], self._fenced_m(stop_m, set_point_m), set_point_m)
 
 
 @dataclass(frozen=True, eq=False)
