@@ -27,7 +27,7 @@ from swarmchase.simulation.virtual_chase import VirtualChase
 ORIGIN = EarthOrigin(47.4, 8.5, 400.0)
 DETAILS = OutputDetails(ORIGIN, geoid_height_m=47.5, is_simulated=True, station="here")
 CHASE_S = 9.0
-"""The target is reached after 5 s and followed for a second."""
+"""The target is reached after 7 s and followed for a second."""
 
 
 NOBODY = "cot-tcp:127.0.0.1:1"

@@ -178,7 +178,8 @@ class Snapshot:
     preflight: tuple[PreflightCheck, ...] = ()
     """What is looked at before the trackers are led; empty from then on."""
     pulled_back: int = 0
-    """In how many steps a set-point was pulled back, since somebody had come into its tracker's way."""
+    """In how many steps a set-point was pulled back, or in flight moved away, since somebody had come into its
+    tracker's way."""
     condition: Condition = Condition.TRACKING
     """What the controller says of itself, after its last decision."""
     share_within: float | None = None

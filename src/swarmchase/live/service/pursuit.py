@@ -269,7 +269,7 @@ class ListenInFlight:
             self._in_the_way[np.concatenate([tracker[is_in_the_way] for tracker in PAIRS])] = True
             # Nobody would move any more otherwise.
             ways = ways_aside(is_in_the_way, now_m, separation_m)
-            aside_m = [self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m) for way in ways]
+            aside_m = [self._aside_m(way, elapsed_s) for way in ways]
             stream.set_point_m = self._first_free(seen, np.stack([before_m, *aside_m]), older)
 
     def _further_apart_m(self, seen: Seen, too_near: Flags, elapsed_s: float, older: Orders) -> Points | None:
@@ -279,11 +279,15 @@ class ListenInFlight:
         """
         before_m, now_m = self._swarm.stream.set_point_m, self._swarm.places_now_m()
         pulled_back_m = self._pulled_back_m(too_near, seen.traffic, now_m)
-        aside_m = self._fenced_m(before_m + CLOSING_MPS * elapsed_s * ways_apart(too_near, now_m), before_m)
-        choices_m = np.stack([before_m, pulled_back_m, aside_m])
+        choices_m = np.stack([before_m, pulled_back_m, self._aside_m(ways_apart(too_near, now_m), elapsed_s)])
         least_m = self._least_at_rest_m(seen, choices_m, older).min(axis=1)
         best = int(least_m.argmax())
         return choices_m[best] if least_m[best] > least_m[0] + ROUNDING_M else None
+
+    def _aside_m(self, way: Points, elapsed_s: float) -> Points:
+        """The set-points of before, each moved on this way [tracker, 3]."""
+        before_m = self._swarm.stream.set_point_m
+        return self._fenced_m(before_m + CLOSING_MPS * elapsed_s * way, before_m)
 
     def _keeps_apart(self, least_m: Levels) -> Flags:
         """Which pairs the last of these sets brings too near, or nearer than the first [pair]."""

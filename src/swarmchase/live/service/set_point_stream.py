@@ -37,7 +37,7 @@ class SetPointStream:
         self.onward: Onward | None = None
         """None: all come to rest at their set-points."""
         self.pulled_back = 0
-        """In so many steps a set-point was pulled back."""
+        """In so many steps a set-point was pulled back, or in flight moved away from another."""
         self.blocked_s = 0.0
         """So long not even a part of a step has been free."""
 
