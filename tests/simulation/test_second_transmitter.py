@@ -47,7 +47,9 @@ class Watched:
         self._alarms = Alarms(self.chase.link)
 
     def _watch(self, snapshot: Snapshot) -> None:
-        self.alarms += [(snapshot, alarm) for alarm in self._alarms(snapshot) if alarm.cause == "transmitters"]
+        self.alarms += [
+            (snapshot, alarm) for alarm in self._alarms(snapshot) if alarm.cause in {"transmitters", "second look"}
+        ]
 
     @property
     def radio(self) -> RadioInFlight:
@@ -59,25 +61,37 @@ class Watched:
 
 
 def test_what_does_not_fit_one_transmitter_is_not_called_reached_and_the_reason_is_said() -> None:
-    """The swarm comes to the other one, 150 m from the target, and stays there until its movements are spent."""
-    flight = Watched(scenario_of(max_movements=52), 2000, 101, "second=150")
+    """The swarm comes to the other one, 150 m from the target, looks again from 40 m away, comes back, and stays there
+    until its movements are spent.
+    """
+    flight = Watched(scenario_of(max_movements=112), 2000, 101, "second=150")
     result = flight.chase.run()
-    target_m = np.array(flight.radio.target_m)
-    assert np.linalg.norm(flight.center_m() - target_m - np.array([150.0, 0.0, 0.0])) < 10.0
+    other_m = np.array(flight.radio.target_m) + np.array([150.0, 0.0, 0.0])
+    assert np.linalg.norm(flight.center_m() - other_m) < 10.0
     assert result.said_distance_m > 100.0
     assert (result.state, result.reason) == (
         "lost",
-        "52 movements are spent; what is heard does not fit one transmitter",
+        "112 movements are spent; what is heard does not fit one transmitter",
     )
-    assert {alarm.text for _, alarm in flight.alarms} == {
+    told: dict[str, list[Snapshot]] = {}
+    for snapshot, alarm in flight.alarms:
+        told.setdefault(alarm.text, []).append(snapshot)
+    assert list(told) == [
         "what is heard does not fit one transmitter: it fades as two do whose powers add up, and the service calls "
-        "neither reached; the word reached does"
-    }
+        "neither reached; the word reached does",
+        "the swarm flies around the target, 40 m away, to hear whether two transmit: up to 30 s",
+    ]
+    two, look = told.values()
     # Once it is told of it stays told of, and the belief and the levels alone would have called that one reached.
-    first = flight.alarms[0][0].movements
+    first = two[0].movements
     assert first < 45
-    assert len({snapshot.movements for snapshot, _ in flight.alarms}) == 52 - first + 1
-    assert max(snapshot.share_within or 0.0 for snapshot, _ in flight.alarms) > 0.9
+    assert len({snapshot.movements for snapshot in two}) == 112 - first + 1
+    assert max(snapshot.share_within or 0.0 for snapshot in two) > 0.8
+    # The look begins where it would have been called reached, and has 60 decisions; the last one ends it.
+    assert {snapshot.movements for snapshot in look} == set(range(look[0].movements, look[0].movements + 59))
+    centers_m = np.array([snapshot.center_m for snapshot in look if snapshot.movements > look[0].movements + 15])
+    out_m = np.linalg.norm(centers_m - other_m, axis=1)
+    assert 20.0 < out_m.min() < out_m.max() < 60.0
 
 
 def test_the_operator_s_word_is_enough() -> None:

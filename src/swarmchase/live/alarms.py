@@ -24,6 +24,7 @@ from .service.chase_state import (
     TrackerSnapshot,
 )
 from .service.preflight import in_words as preflight_in_words
+from .service.second_look import LOOK_S, RADIUS_M
 from .standing import Standing
 
 READY_S = 2.0
@@ -243,6 +244,11 @@ def _of_transmitters(snapshot: Snapshot) -> Iterator[Alarm]:
     if snapshot.hears_two and snapshot.state in UNDER_WAY:
         text = f"{NOT_ONE_TRANSMITTER}: it fades as two do whose powers add up, and the service calls neither reached"
         yield Alarm("transmitters", f"{text}; the word reached does", news=text)
+    if snapshot.looks_again and snapshot.state in UNDER_WAY:
+        text = (
+            f"the swarm flies around the target, {RADIUS_M:g} m away, to hear whether two transmit: up to {LOOK_S:g} s"
+        )
+        yield Alarm("second look", text, over="the swarm flies around the target no more")
 
 
 def _of_receivers(snapshot: Snapshot) -> Iterator[Alarm]:

@@ -51,7 +51,7 @@ def test_a_swarm_that_knows_where_its_target_is_flies_to_where_that_will_be(
     course = FlightCourse(SCENARIO, ServiceSettings(), site_limits(SCENARIO))
     belief = believed(mean_m, velocity_mps, radius_m)
     flown_m, spacing_m = course.flown(
-        np.array(TOLD_M), 4.0, WINDOW, np.array(center_m, dtype=np.float64), since_s, belief
+        np.array(TOLD_M), 4.0, WINDOW, np.zeros(3), np.array(center_m, dtype=np.float64), since_s, belief
     )
     assert flown_m == pytest.approx(np.array(way_m), abs=1e-9)
     assert spacing_m == 4.0
@@ -61,5 +61,5 @@ def test_a_target_that_is_right_there_is_flown_at_by_a_number() -> None:
     course = FlightCourse(SCENARIO, ServiceSettings(), site_limits(SCENARIO))
     for velocity_mps in ((0.0, 0.0, 0.0), (0.0, 5.0, 0.0)):
         belief = believed((0, 0, 0), velocity_mps, 1.0)
-        flown_m, _ = course.flown(np.zeros(3), 4.0, WINDOW, np.zeros(3), 0.0, belief)
+        flown_m, _ = course.flown(np.zeros(3), 4.0, WINDOW, np.zeros(3), np.zeros(3), 0.0, belief)
         assert all(map(math.isfinite, flown_m))

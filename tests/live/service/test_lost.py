@@ -10,7 +10,7 @@ import torch
 from swarmchase.controllers.belief import GAUSSIAN_REACH, Belief
 from swarmchase.live.service.following import Following
 from swarmchase.live.service.safety import SafetyLimits
-from swarmchase.live.service.search import CLIMB_M, FARTHEST_M, PITCH_M, Loss, Spiral
+from swarmchase.live.service.search import CLIMB_M, FARTHEST_RAD, PITCH_M, Loss, Spiral
 from swarmchase.scenario import load_scenario
 
 SCENARIO = load_scenario("flight")
@@ -108,7 +108,8 @@ def test_a_search_that_has_come_too_far_begins_anew() -> None:
     limits = fence(2000.0, -50.0, 2000.0)
     way_m = flown_m(Spiral(SCENARIO, limits, np.zeros(3)), np.zeros(3), 2600)
     out_m = np.linalg.norm(way_m[:, :2], axis=1)
-    assert FARTHEST_M - PITCH_M < out_m.max() < FARTHEST_M + STEP_M
+    farthest_m = FARTHEST_RAD / (2 * math.pi) * PITCH_M
+    assert farthest_m - PITCH_M < out_m.max() < farthest_m + STEP_M
     assert out_m[out_m.argmax() :].min() < 2 * PITCH_M
 
 

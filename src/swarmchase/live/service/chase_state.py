@@ -194,3 +194,5 @@ class Snapshot:
     hears_two: bool = False
     """Whether what is heard in flight does not fit one transmitter, and none is followed yet: nothing counts as reached
     but by the operator's word."""
+    looks_again: bool = False
+    """Whether the swarm flies around the target at a distance, once, to hear whether it is two."""

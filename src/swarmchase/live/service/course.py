@@ -13,6 +13,7 @@ from .pace import Window
 from .safety import SafetyLimits
 from .sample_window import Point
 from .search import Loss, Spiral
+from .second_look import SecondLook
 from .second_transmitter import SecondTransmitter
 from .settings import ServiceSettings
 
@@ -34,6 +35,7 @@ class FlightCourse:
         self._follows = settings.follow
         self._judge = CaptureJudge(scenario, settings.reached_windows, settings.minimum_trackers)
         self._second = SecondTransmitter(scenario)
+        self._second_look = SecondLook(scenario, limits)
         self._loss = Loss()
         self.following = Following(scenario)
         """Since the target was first reached."""
@@ -53,6 +55,11 @@ class FlightCourse:
         is followed it has been said which one it is.
         """
         return self._second.is_heard and not self.is_followed
+
+    @property
+    def looks_again(self) -> bool:
+        """Whether the swarm flies around the target, to hear whether two transmit, instead of staying with it."""
+        return self.state is ChaseState.PURSUING and self.hears_two and self._second_look.is_on
 
     def forget(self) -> None:
         """The swarm has paused, or it was not reached after all: judge by windows to come alone."""
@@ -96,24 +103,37 @@ class FlightCourse:
         if self.state is ChaseState.SEARCHING:
             self.state = ChaseState.PURSUING
             return "the target is found again"
-        if is_caught and self.state is ChaseState.PURSUING and not self.hears_two:
+        if is_caught and self.state is ChaseState.PURSUING and self.hears_two:
+            self._second_look.begin()
+        elif is_caught and self.state is ChaseState.PURSUING:
             self.is_followed = self._follows
             self.state = ChaseState.FOLLOWING if self._follows else ChaseState.REACHED
         return CAUGHT
 
     def flown(
-        self, told_m: Point, spacing_m: float, window: Window, center_m: Point, since_s: float, target: Belief | None
+        self,
+        told_m: Point,
+        spacing_m: float,
+        window: Window,
+        origin_m: Point,
+        center_m: Point,
+        since_s: float,
+        target: Belief | None,
     ) -> tuple[Point, float]:
         """Displacement and spacing of the next interval, the controller having said these.
 
         Args:
-            center_m: Where the centre is now, in the frame of ``target``.
+            origin_m: Of the frame of ``target``.
+            center_m: Where the centre is now, in that frame.
             since_s: The window ended so long ago.
             target: What is believed of it after that window.
         """
         if target is not None and self.state is not ChaseState.SEARCHING:
             target_mps = np.zeros(3) if target.velocity_mps is None else target.velocity_mps[0].numpy()
             target_m = target.mean_m[0].numpy() + target_mps * since_s
+            if self.looks_again:
+                here_m, there_m = center_m + origin_m, target_m + origin_m
+                return self._second_look.displacement_m(there_m, target_mps, here_m, spacing_m), spacing_m
             way_m = self.following.displacement_m(target_m, target_mps, center_m)
             if self.state is ChaseState.FOLLOWING:
                 return way_m, spacing_m

@@ -9,6 +9,7 @@ inside the fence. As soon as something is heard the controller leads again, as i
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,8 +23,8 @@ SILENCE_S = 5.0
 NARROW_M, SPREAD_M = 20.0, 60.0
 """Half the longest axis of the belief's region. In flights that followed 99 % of the regions were within 5 m."""
 PITCH_M, CLIMB_M = 60.0, 20.0
-FARTHEST_M = 400.0
-"""From there the spiral begins anew."""
+FARTHEST_RAD = 400.0 / PITCH_M * 2 * math.pi
+"""So far along it, 400 m out, the spiral begins anew."""
 FIRST_TURN_RAD = math.pi
 """How far along it is begun: the innermost half turn is too tight to be flown."""
 STEP_RAD = 0.05
@@ -72,19 +73,34 @@ class Spiral:
 
     def displacement_m(self, center_m: Point) -> Point:
         """Of the centre, which is here now, in one interval."""
-        way_m = self._point_m() - center_m
-        for _ in range(MOST_STEPS):
-            if np.linalg.norm(way_m[:2]) >= self._step_m:
-                break
-            self._turned_rad += STEP_RAD
-            way_m = self._point_m() - center_m
-        return np.asarray(way_m * self._step_m / max(float(np.linalg.norm(way_m)), 1e-9))
-
-    def _point_m(self) -> Point:
-        """Of the spiral, as far as it is flown."""
-        radius_m = PITCH_M * self._turned_rad / (2 * math.pi)
-        if radius_m > FARTHEST_M:
+        way_m, self._turned_rad = ahead_m(self._point_m, self._turned_rad, center_m, self._step_m)
+        if self._turned_rad > FARTHEST_RAD:
             self._turned_rad = FIRST_TURN_RAD
-        turn = np.array([math.cos(self._turned_rad), math.sin(self._turned_rad), 0.0])
+        return way_m
+
+    def _point_m(self, turned_rad: float) -> Point:
+        """Of the spiral, as far as it is flown."""
+        radius_m = PITCH_M * turned_rad / (2 * math.pi)
+        turn = np.array([math.cos(turned_rad), math.sin(turned_rad), 0.0])
         point_m = self._middle_m + radius_m * turn
         return np.asarray(np.clip(point_m, self._limits.low_m + self.spacing_m, self._limits.high_m - self.spacing_m))
+
+
+def ahead_m(
+    point_m: Callable[[float], Point], turned_rad: float, center_m: Point, step_m: float
+) -> tuple[Point, float]:
+    """The way of the centre, which is here now, in one interval along a way round something; and how far along it is
+    then.
+
+    Args:
+        point_m: Of the way, so far along it.
+        turned_rad: Nothing before here is flown to.
+        step_m: The length of what is flown.
+    """
+    way_m = point_m(turned_rad) - center_m
+    for _ in range(MOST_STEPS):
+        if np.linalg.norm(way_m[:2]) >= step_m:
+            break
+        turned_rad += STEP_RAD
+        way_m = point_m(turned_rad) - center_m
+    return np.asarray(way_m * step_m / max(float(np.linalg.norm(way_m)), 1e-9)), turned_rad

@@ -288,7 +288,7 @@ class ControllerService:
         self._course_reason = course.take(window, self._origin_m, belief)
         center_m = pace.formation.center_m - self._origin_m
         since_s = (self._now_ns - pace.window_since_ns) / 1e9 - float(window.time_s[-1])
-        return course.flown(displacement_m, spacing_m, window, center_m, since_s, belief)
+        return course.flown(displacement_m, spacing_m, window, self._origin_m, center_m, since_s, belief)
 
     def _belief(self) -> Belief | None:
         """The controller's; None of one without."""
@@ -305,6 +305,9 @@ class ControllerService:
 
     def _hears_two(self) -> bool:
         return isinstance(self._judge, FlightCourse) and self._judge.hears_two
+
+    def _looks_again(self) -> bool:
+        return isinstance(self._judge, FlightCourse) and self._judge.looks_again
 
     def _listening(self) -> ChaseState:
         """In this state windows are listened to."""
@@ -401,6 +404,7 @@ class ControllerService:
             following=self._judge.following.told if isinstance(self._judge, FlightCourse) else None,
             asked_m=metres(self._asked_m),
             hears_two=self._hears_two(),
+            looks_again=self._looks_again(),
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
