@@ -13,6 +13,7 @@ from live_bench import Bench
 from swarmchase.benchmarks.live import LiveWork
 from swarmchase.benchmarks.transmitters import SETTINGS, Refusal, TransmittersResult, fly, report, transmitter_rows
 from swarmchase.cli import main
+from swarmchase.live.service.chase_state import NOT_ONE_TRANSMITTER
 from swarmchase.scenario import load_scenario
 
 SCENARIO = dataclasses.replace(load_scenario("flight"), behaviour="hover", start_distance_m=5.0, farthest_start_m=6.0)
@@ -23,16 +24,18 @@ def test_where_another_place_is_called_reached_that_counts() -> None:
     assert (flight.chase.state, flight.hears_two, flight.is_refused) == ("reached", False, False)
     elsewhere = dataclasses.replace(flight.chase, said_distance_m=150.0)
     aborted = dataclasses.replace(flight.chase, state="aborted")
-    lost = dataclasses.replace(flight.chase, state="lost")
+    lost = dataclasses.replace(flight.chase, state="lost", reason="239 movements are spent")
+    refused = dataclasses.replace(lost, reason=f"{lost.reason}; {NOT_ONE_TRANSMITTER}")
     results = [
         flight,
         TransmittersResult(elsewhere, False, False),
         TransmittersResult(elsewhere, True, False),  # told of two no longer
         TransmittersResult(aborted, True, True),
         TransmittersResult(lost, False, False),
+        TransmittersResult(refused, True, False),
     ]
     told = report(SCENARIO, "particle", 0, {"one transmitter": results})
-    assert transmitter_rows(told) == [["hover", "one transmitter", "1", "2 [5%, 85%]", "1", "2 [5%, 85%]"]]
+    assert transmitter_rows(told) == [["hover", "one transmitter", "1", "2 [4%, 78%]", "2", "3 [12%, 88%]"]]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from ..controllers import load_controller, require_controller
 from ..errors import InputError
 from ..evaluation.statistics import share_interval
 from ..live.service.capture import LEAST_SHARE
-from ..live.service.chase_state import Snapshot
+from ..live.service.chase_state import NOT_ONE_TRANSMITTER, Snapshot
 from ..scenario import Scenario
 from ..simulation.fault_plan import fault_plan
 from ..simulation.virtual_chase import VirtualChase, VirtualResult
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 REFUSED_S = 10.0
 """So long a swarm may be where the target could be and the service not say so, because it hears two: then the flight is
-ended."""
+ended. While it looks a second time it is not there."""
 LEFT_S = 3.0
 """Who has not been there for so long has left: a swarm turns round more quickly where it has passed a target."""
 APART_M = (80, 150, 300)
@@ -39,8 +39,13 @@ class TransmittersResult:
     chase: VirtualResult
     hears_two: bool
     """Whether the service has ever said that what is heard does not fit one transmitter."""
-    is_refused: bool
+    is_long: bool
     """Whether it has said so for ``REFUSED_S`` beside one."""
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the service has called neither reached for it, then or when the movements were spent."""
+        return self.is_long or NOT_ONE_TRANSMITTER in self.chase.reason
 
 
 def measure(
