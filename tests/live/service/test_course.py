@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from swarmchase.controllers.belief import GAUSSIAN_REACH, Belief
+from swarmchase.live.service.chase_state import ChaseState
 from swarmchase.live.service.course import END_GAME_M, FlightCourse
 from swarmchase.live.service.pace import Window
 from swarmchase.live.service.settings import ServiceSettings
@@ -63,3 +64,31 @@ def test_a_target_that_is_right_there_is_flown_at_by_a_number() -> None:
         belief = believed((0, 0, 0), velocity_mps, 1.0)
         flown_m, _ = course.flown(np.zeros(3), 4.0, WINDOW, np.zeros(3), np.zeros(3), 0.0, belief)
         assert all(map(math.isfinite, flown_m))
+
+
+def test_a_target_that_two_may_be_heard_of_is_flown_around_while_that_is_so() -> None:
+    """In the shared frame, whose origin is elsewhere: 4 m straight out, then on as ever once it is one alone."""
+    course = FlightCourse(SCENARIO, ServiceSettings(), site_limits(SCENARIO))
+    course._second.is_heard = True
+    belief, center_m, origin_m = (
+        believed((0, 0, 0), (0, 0, 0), 3.0),
+        np.array([0.0, 1.0, 0.0]),
+        np.array([9.0, 9.0, 50.0]),
+    )
+
+    def flown_m() -> list[float]:
+        way_m, spacing_m = course.flown(np.array(TOLD_M), 4.0, WINDOW, origin_m, center_m, 0.0, belief)
+        assert spacing_m == 4.0
+        return [round(value, 6) for value in way_m.tolist()]
+
+    assert not course.looks_again
+    assert flown_m() == [0.0, -0.5, 0.0]
+    course._next(is_caught=True)
+    assert course.looks_again
+    assert course.state is ChaseState.PURSUING
+    assert flown_m() == [0.0, 4.0, 0.0]
+    course._second.is_heard = False
+    assert not course.looks_again
+    assert flown_m() == [0.0, -0.5, 0.0]
+    course._next(is_caught=True)
+    assert course.state is ChaseState.REACHED

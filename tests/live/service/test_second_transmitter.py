@@ -14,7 +14,7 @@ from swarmchase.live.service import second_transmitter
 from swarmchase.live.service.pace import Window
 from swarmchase.live.service.safety import formation_m
 from swarmchase.live.service.sample_window import Levels
-from swarmchase.live.service.second_transmitter import ANY, CERTAIN, ENOUGH, SecondTransmitter
+from swarmchase.live.service.second_transmitter import ANY, CERTAIN, DISPROVED, ENOUGH, SecondTransmitter
 from swarmchase.scenario import Scenario, load_scenario
 from swarmchase.world.radio import Radio
 
@@ -164,20 +164,21 @@ def test_a_swarm_that_stands_learns_nothing() -> None:
     assert (second.evidence, second.is_heard) == (0.0, False)
 
 
-def test_on_the_way_it_takes_more_to_be_told_and_it_stays_told_while_there_is_enough() -> None:
+def test_on_the_way_it_takes_more_to_be_told_and_it_stays_told_until_one_alone_explains_it() -> None:
     second = judged(FLIGHT, None)
     window = Window(np.full((10, 6), -60.0), np.zeros((10, 6, 3)), np.zeros(3), np.arange(10) / 20)
-    told = []
-    for evidence, is_beside in [
-        (CERTAIN, False),
-        (CERTAIN + 0.1, False),
-        (0.1, False),
-        (0.0, True),
-        (0.1, False),
-        (0.1, True),
-        (0.1, False),
+    for evidence, is_beside, is_heard in [
+        (CERTAIN, False, False),
+        (CERTAIN + 0.1, False, True),
+        (0.1, False, True),
+        (-0.4, True, True),
+        (DISPROVED, False, False),
+        (-0.4, True, False),
+        (0.1, False, False),
+        (0.1, True, True),
+        (0.0, True, True),
+        (DISPROVED - 0.1, True, False),
     ]:
         second.evidence = evidence
         second.take(window, np.zeros(3), None, is_beside)
-        told.append(second.is_heard)
-    assert told == [False, True, True, False, False, True, True]
+        assert second.is_heard == is_heard, (evidence, is_beside)

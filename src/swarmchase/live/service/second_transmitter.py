@@ -59,8 +59,11 @@ ABOVE_FLOOR_DB = 15.0
 FEW_INTERVALS = 12
 """Where fewer have been weighed, it is no news either: a target that starts beside the swarm is there in seconds."""
 CERTAIN, ENOUGH, ANY = 4.0, 0.9, 0.0
-"""Evidence by which two are told of: on the way; beside a transmitter, where it is known how one alone fades, and once
-they are told of, where levels fade little or few were weighed; and there where they fade more."""
+"""Evidence by which two are told of: on the way; beside a transmitter, where it is known how one alone fades, if levels
+fade little or few were weighed; and there if they fade more."""
+DISPROVED = -0.5
+"""With less they are told of no more. Of one alone it comes to -0.7. Already by less than 0, four of 72 targets beside
+another transmitter would be called reached at the wrong place that are refused now."""
 
 _COUNTED_NP = np.log([WEAKER[1] / 4, *WEAKER[1:]])
 """Where a weaker power stands in the table; less than the first is none."""
@@ -104,7 +107,7 @@ class SecondTransmitter:
             self.evidence, rician_k = _evidence(self._counts * self._log_likelihood, self._log_prior)
             self._is_shallow = rician_k > SHALLOW_K
         enough = ENOUGH if self._is_shallow or self._weighed < FEW_INTERVALS else ANY
-        self.is_heard = self.evidence > (enough if is_beside or self.is_heard else CERTAIN)
+        self.is_heard = self.evidence > (DISPROVED if self.is_heard else enough if is_beside else CERTAIN)
 
     def _lost_np(self, window: Window, origin_m: Point, belief: Belief) -> Levels:
         """The path loss to where the target was, as far as that is known [sample, tracker]: what the way alone makes of
