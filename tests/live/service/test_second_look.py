@@ -66,7 +66,7 @@ def test_beside_a_fence_it_goes_on_all_the_same_and_the_formation_keeps_inside()
     assert way_m[:, 1].min() >= -25.0 + SPACING_M - 1e-9
     steps_m = np.linalg.norm(np.diff(way_m, axis=0), axis=1)
     np.testing.assert_allclose(steps_m, 0.8 * STEP_M)
-    # Once around in half a minute, as in the open: the way along the fence is shorter than the one outside it.
+    # Three quarters of a turn and more in half a minute, as in the open.
     turned_rad = np.unwrap(np.arctan2(way_m[:, 1], way_m[:, 0]))
     assert turned_rad.max() - turned_rad.min() > 1.5 * math.pi
 

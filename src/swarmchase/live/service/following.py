@@ -11,6 +11,7 @@ import numpy as np
 from ...scenario import Scenario
 from .chase_state import FollowedShare
 from .sample_window import Point
+from .shortening import shortened
 
 FOLLOWING_M = 10.0
 """A target that is believed to be no further from the centre is followed; the evaluation has the same distance."""
@@ -57,5 +58,4 @@ class Following:
         distance_m = float(np.linalg.norm(way_m))
         nearing_mps = min(math.sqrt(2 * self._braking_mps2 * distance_m), distance_m / SETTLING_S)
         wanted_mps = target_mps + nearing_mps / max(distance_m, 1e-9) * way_m
-        speed_mps = max(float(np.linalg.norm(wanted_mps)), 1e-9)
-        return np.asarray(wanted_mps * min(1.0, self._speed_mps / speed_mps) * self._decision_s)
+        return shortened(wanted_mps, self._speed_mps) * self._decision_s

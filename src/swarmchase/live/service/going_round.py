@@ -24,19 +24,19 @@ def ways_aside(in_the_way: Flags, places_m: Points, separation_m: float) -> Iter
     way round or the other, and away.
     """
     for around in (1.0, -1.0, 0.0):
-        way = np.zeros((NUM_TRACKERS, 3))
-        for one, other in zip(*(tracker[in_the_way] for tracker in PAIRS), strict=True):
-            push = _push(places_m[one] - places_m[other], around, separation_m)
-            way[one] += push
-            way[other] -= push
-        yield way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        yield _ways(in_the_way, places_m, around, separation_m)
 
 
 def ways_apart(in_the_way: Flags, places_m: Points) -> Points:
     """Directions [tracker, 3] of those that are in each other's way [pair] away from each other; none of the others."""
+    return _ways(in_the_way, places_m, 0.0, 0.0)
+
+
+def _ways(in_the_way: Flags, places_m: Points, around: float, separation_m: float) -> Points:
+    """Of each the sum of what leads it past and away from those that it is in the way of."""
     way = np.zeros((NUM_TRACKERS, 3))
     for one, other in zip(*(tracker[in_the_way] for tracker in PAIRS), strict=True):
-        push = _push(places_m[one] - places_m[other], 0.0, 0.0)
+        push = _push(places_m[one] - places_m[other], around, separation_m)
         way[one] += push
         way[other] -= push
     return np.asarray(way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9))

@@ -31,6 +31,7 @@ from .safety import ROOM_M, Move, SafetyFilter, SafetyLimits, is_clear
 from .sample_window import Flags, Levels, Point, Points
 from .separation import ROUNDING_M, Traffic
 from .set_point_stream import INTRUSION_M, LONGEST_STEP_S
+from .shortening import shortened, shortened_each
 from .swarm import Swarm
 
 BRAKING_SHARE = 0.8
@@ -145,13 +146,13 @@ class ListenInFlight:
         turn_rad_per_s = min(max(turn_rad / self._decision_s, -fastest_rad_per_s), fastest_rad_per_s) * is_calm
         self._motion = replace(self._motion, turn_rad_per_s=turn_rad_per_s)
         told_mps = displacement_m / self._decision_s
-        within_mps = self._within_fence_mps(_shortened(told_mps, self._speed_mps), self._motion)
+        within_mps = self._within_fence_mps(shortened(told_mps, self._speed_mps), self._motion)
         self._wanted_mps = self._around_mps(within_mps)
         in_the_way = ", ".join(map(str, np.flatnonzero(self._in_the_way)))
         changes = [
             (self._wanted_spacing_m != spacing_m, f"spacing {self._wanted_spacing_m:.3g} m, not {spacing_m:.3g} m"),
             (np.linalg.norm(told_mps) > self._speed_mps * (1 + 1e-6), f"no faster than {self._speed_mps:g} m/s"),
-            (_differs(within_mps, _shortened(told_mps, self._speed_mps)), "aside or slower to keep the fence"),
+            (_differs(within_mps, shortened(told_mps, self._speed_mps)), "aside or slower to keep the fence"),
             (_differs(self._wanted_mps, within_mps), "aside or slower to keep the separation"),
             (self._in_the_way.any(), f"all stand: trackers {in_the_way} are in each other's way"),
         ]
@@ -315,7 +316,7 @@ class ListenInFlight:
             within_mps = self._within_fence_mps(wanted_mps, motion)
             motion = motion.flown(within_mps, self._wanted_spacing_m, elapsed_s, turn_share)
             moves_mps = motion.goals_mps(self._within_fence_mps(wanted_mps, motion))
-        led_m = rest_m + _shortened_each(motion.goals_m + nearer_m - rest_m, MOST_AHEAD_M)
+        led_m = rest_m + shortened_each(motion.goals_m + nearer_m - rest_m, MOST_AHEAD_M)
         return _Way(motion, self._fenced_m(led_m, before_m), moves_mps)
 
     def _least_apart_m(
@@ -459,15 +460,6 @@ def _nearer(offset_m: Points, step_m: float) -> Points:
     """These offsets, each so much shorter."""
     length_m = np.linalg.norm(offset_m, axis=1, keepdims=True)
     return np.asarray(offset_m * np.maximum(0.0, 1.0 - step_m / np.maximum(length_m, 1e-12)))
-
-
-def _shortened(velocity_mps: Point, most_mps: float) -> Point:
-    return velocity_mps * min(1.0, most_mps / max(float(np.linalg.norm(velocity_mps)), 1e-9))
-
-
-def _shortened_each(way_m: Points, most_m: float) -> Points:
-    length_m = np.linalg.norm(way_m, axis=1, keepdims=True)
-    return np.asarray(way_m * np.minimum(1.0, most_m / np.maximum(length_m, 1e-9)))
 
 
 def _differs(one_mps: Point, other_mps: Point) -> bool:

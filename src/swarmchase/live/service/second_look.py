@@ -18,6 +18,7 @@ from ...scenario import Scenario
 from .safety import SafetyLimits
 from .sample_window import Point
 from .search import ahead_m
+from .shortening import shortened
 
 LOOK_S = 30.0
 RADIUS_M = 40.0
@@ -65,5 +66,4 @@ class SecondLook:
             east_m, north_m, _ = center_m - target_m
             self._turned_rad = math.atan2(north_m, east_m)
         way_m, self._turned_rad = ahead_m(point_m, self._turned_rad, center_m, SPEED_SHARE * self._longest_m)
-        way_m = way_m + target_mps * self._decision_s
-        return np.asarray(way_m * min(1.0, self._longest_m / max(float(np.linalg.norm(way_m)), 1e-9)))
+        return shortened(way_m + target_mps * self._decision_s, self._longest_m)

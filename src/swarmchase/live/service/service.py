@@ -221,11 +221,11 @@ class ControllerService:
         window = self._pace.window(self._now_ns)
         if window is None:
             return
-        judge = self._judge
+        judge, course = self._judge, self._course
         if isinstance(judge, NearnessJudge) and judge.is_reached(window.rssi_dbm, window.offset_m):
             self._stop(ChaseState.REACHED, "the levels are those of a target within the success radius")
-        elif self._movements >= self._scenario.max_movements and not self._is_followed():
-            refused = f"; {NOT_ONE_TRANSMITTER}" if self._hears_two() else ""
+        elif self._movements >= self._scenario.max_movements and not (course is not None and course.is_followed):
+            refused = f"; {NOT_ONE_TRANSMITTER}" if course is not None and course.hears_two else ""
             self._stop(ChaseState.LOST, f"{self._movements} movements are spent{refused}")
         else:
             self._decide(window)
@@ -300,18 +300,14 @@ class ControllerService:
         else:
             self._go(course.state, self._course_reason)
 
-    def _is_followed(self) -> bool:
-        return isinstance(self._judge, FlightCourse) and self._judge.is_followed
-
-    def _hears_two(self) -> bool:
-        return isinstance(self._judge, FlightCourse) and self._judge.hears_two
-
-    def _looks_again(self) -> bool:
-        return isinstance(self._judge, FlightCourse) and self._judge.looks_again
+    @property
+    def _course(self) -> FlightCourse | None:
+        """Of trackers that listen while they fly."""
+        return self._judge if isinstance(self._judge, FlightCourse) else None
 
     def _listening(self) -> ChaseState:
         """In this state windows are listened to."""
-        return self._judge.state if isinstance(self._judge, FlightCourse) else ChaseState.SAMPLING
+        return ChaseState.SAMPLING if self._course is None else self._course.state
 
     def _fly(self, pace: StopAndListen, center_m: Point, spacing_m: float, reason: str) -> str:
         """Set out for this formation, or what the safety filter makes of it; returns what it says."""
@@ -333,8 +329,8 @@ class ControllerService:
 
     def _hold(self, reason: str, for_s: float = 0.0) -> None:
         self._retry_ns = self._now_ns + round(for_s * 1e9)
-        if isinstance(self._judge, FlightCourse):
-            self._judge.forget()
+        if self._course is not None:
+            self._course.forget()
         self._pace.stop()
         self._go(ChaseState.HOLDING, reason)
 
@@ -381,7 +377,7 @@ class ControllerService:
 
     def snapshot(self) -> Snapshot:
         """Everything a page shows."""
-        formation = self._pace.formation
+        formation, course = self._pace.formation, self._course
         return Snapshot(
             time_ns=self._now_ns,
             epoch=self._epoch,
@@ -399,12 +395,12 @@ class ControllerService:
             preflight=self._preflight(),
             pulled_back=self._swarm.stream.pulled_back,
             condition=self._condition,
-            share_within=self._judge.newest_share if isinstance(self._judge, FlightCourse) else None,
+            share_within=None if course is None else course.newest_share,
             turned_rad=self._pace.turned_rad if isinstance(self._pace, ListenInFlight) else 0.0,
-            following=self._judge.following.told if isinstance(self._judge, FlightCourse) else None,
+            following=None if course is None else course.following.told,
             asked_m=metres(self._asked_m),
-            hears_two=self._hears_two(),
-            looks_again=self._looks_again(),
+            hears_two=course is not None and course.hears_two,
+            looks_again=course is not None and course.looks_again,
         )
 
     def _stop(self, state: ChaseState, reason: str) -> None:
